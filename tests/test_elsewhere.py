@@ -74,17 +74,21 @@ def test_three_tasks_from_the_templates_to_the_report(home: Path) -> None:
     done(home, 'new', 'my lab')
     write_lab(home / 'my lab')
     assert '8 of 8 criteria are met in full' in done(home, 'check', 'my lab')
+
     (home / 'my lab' / 'relay.py').write_text(RELAY, encoding='utf-8')
     assert '13 of 13 criteria are met in full' in done(home, 'check', 'my lab')
+
     drive_by_hand(home, '--lab', 'my lab')
     submitted = done(home, 'submit', 'my lab')
     assert 'course        180.' in submitted
     assert '(barc teleop --lab my lab)' in submitted.replace("'", '')
     assert 'my lab.zip' in submitted
     assert done(home, 'acc', '--lab', 'my lab', '--realtime-factor', 'max').startswith('engine')
+
     bag = newest(home / 'bags')
     assert done(home, 'plot', '--save', 'speed.png') == 'speed.png\n'
     assert 'report.html' in done(home, 'report')
+
     done(home, 'graph', '--bag', str(bag), '--save', 'graph.png')
     done(home, 'replay', '--save', 'drive.gif')
     gains = ('--kp-range', '10', '10', '--ki-range', '20', '20', '--kd-range', '0', '0')
@@ -113,6 +117,7 @@ def test_grade_warns_that_code_was_not_confined(home: Path) -> None:
     text = (home / 'grades' / 'class.csv').read_text(encoding='utf-8')
     grades = {row['name']: row for row in csv.DictReader(text.splitlines())}
     assert (grades['ada']['score'], grades['grace']['score']) == ('100.0', '0.0')
+
     for name, row in grades.items():
         assert 'its code ran unconfined, because of --unconfined' in row['remark']
         results = json.loads((home / 'grades' / name / 'results.json').read_text(encoding='utf-8'))

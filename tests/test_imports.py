@@ -106,6 +106,7 @@ def test_the_stand_in_for_rclpy_imports_nothing_of_ros() -> None:
         for path in modules(*ROOMS)
         if any('barc_sim.ros.local' in name for name in imported(path.read_text('utf-8')))
     }
+
     assert wrong == {}
     assert users <= {'lab', 'ros', 'nodes', 'runs', 'commands'}
 
@@ -166,6 +167,7 @@ def test_rooms_without_ros_need_nothing_that_only_linux_has() -> None:
         check=False,
         timeout=200,
     )
+
     assert (done.returncode, done.stdout) == (0, ''), done.stderr
 
 

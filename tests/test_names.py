@@ -46,6 +46,7 @@ def test_no_class_has_a_name_of_rclpy() -> None:
         for name in classes(path.read_text('utf-8'))
     }
     assert {'Node', 'Parameter', 'Publisher'} <= theirs
+
     wrong = {
         file: names
         for file, source in SOURCES.items()

@@ -76,6 +76,7 @@ def test_a_link_is_replaced_and_not_followed(there: bool, tmp_path: Path) -> Non
     path.symlink_to(outside)
     with replacing(path) as part:
         part.write_text('new')
+
     assert path.read_text() == 'new'
     assert not path.is_symlink()
     assert outside.exists() == there
@@ -130,6 +131,7 @@ def test_folders_are_made_within_a_folder_and_not_through_its_links(tmp_path: Pa
     make_folder(out / 'a' / 'b', out)
     make_folder(out / 'a' / 'b', out)
     assert (tmp_path / 'grades' / 'a' / 'b').is_dir()
+
     (out / 'c').symlink_to(tmp_path)
     with pytest.raises(OSError, match='not a plain folder'):
         make_folder(out / 'c' / 'd', out)

@@ -100,6 +100,7 @@ def test_reader_that_went_away_leaves_no_trace_at_exit(main: str) -> None:
             check=False,
             timeout=200,
         )
+
     assert (done.returncode, done.stderr) == (0, b'')
 
 

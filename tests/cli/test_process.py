@@ -80,6 +80,7 @@ def test_messages_that_are_not_built_are_named_with_the_line_that_builds_them(
         check=False,
         timeout=120,
     )
+
     assert 'colcon build --base-paths src src/barc_sim/barc_interfaces' in sentence(done)
     assert not [*tmp_path.iterdir()]
 
@@ -129,6 +130,7 @@ def test_parameters_come_through_a_pipe_and_one_that_no_node_has_is_named(tmp_pa
     os.close(reading)
     named = [line.split()[1:3] for line in done.stderr.splitlines()]
     assert named == [['-p', 'controler:kp'], ['-p', 'mas']]
+
     bag = info(Path(tmp_path, done.stdout.strip()))
     assert (bag['kp'], bag['kd']) == ('3.0', '0.2')
 
@@ -221,6 +223,7 @@ with StopSignals() as stop:
     print(stop.requested.is_set())
 """)
     process.send_signal(number)
+
     assert end(process) == (0, 'True\n', '')
 
 
@@ -238,6 +241,7 @@ with StopSignals() as stop:
     sys.stdin.read()
     print('asked')
 """)
+
     assert end(process) == (0, 'asked\n', '')
 
 
@@ -252,6 +256,7 @@ with StopSignals() as stop:
 """)
     process.send_signal(number)
     assert line(process) == 'asked\n'
+
     process.send_signal(number)
     assert end(process) == (128 + number, '', '')
 
@@ -268,6 +273,7 @@ with StopSignals() as stop:
 """)
     process.send_signal(signal.SIGTERM)
     assert line(process) == 'asked\n'
+
     process.send_signal(signal.SIGTERM)
     process.send_signal(signal.SIGINT)
     assert end(process) == (0, 'closed\n', '')
@@ -284,4 +290,5 @@ with StopSignals() as stop:
 """)
     process.send_signal(signal.SIGHUP)
     process.send_signal(signal.SIGTERM)
+
     assert end(process) == (0, 'asked\n', '')

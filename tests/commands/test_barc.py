@@ -97,6 +97,7 @@ def test_help_of_every_command_waits_for_no_library() -> None:
         check=False,
         timeout=200,
     )
+
     assert (done.returncode, done.stderr) == (0, '')
     for name in COMMANDS:
         assert f'usage: barc {name} ' in done.stdout
@@ -111,6 +112,7 @@ def test_help_of_every_command_waits_for_no_library() -> None:
 )
 def test_commands_and_options_are_completed(line: str, completed: str, tmp_path: Path) -> None:
     assert 'complete ' in barc('--completion', 'bash').stdout
+
     asked = {
         '_ARGCOMPLETE': '1',
         '_ARGCOMPLETE_STDOUT_FILENAME': str(tmp_path / 'found'),
@@ -157,5 +159,6 @@ def test_an_executable_of_ros2_run_runs_the_command(words: list[str], code: int,
         check=False,
         timeout=200,
     )
+
     assert done.returncode == code, done.stderr
     assert done.stdout.startswith(out)

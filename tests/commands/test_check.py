@@ -51,6 +51,7 @@ def test_a_rubric_of_another_lab_is_refused(folder: Path) -> None:
 def test_right_code_gives_exit_code_0_and_a_figure(folder: Path) -> None:
     (folder / 'controller.py').write_text(RIGHT, encoding='utf-8')
     lines = printed('check', str(folder)).splitlines()
+
     assert lines[:2] == [
         'criterion          points  finding',
         'model.x             9 / 9  right in all 2,750 cases',

@@ -109,6 +109,7 @@ def test_commands_before_a_bag_begins_are_unknown(tmp_path: Path) -> None:
     )
     friction, _, interval, *_ = lines['friction_per_mass'].split()
     assert abs(float(friction) - 0.15) < 2.0 * float(interval)
+
     delay, _, interval, *_ = lines['motor_delay'].split()
     assert abs(float(delay) - 0.128) < 2.0 * float(interval)
 

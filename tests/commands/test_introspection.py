@@ -59,9 +59,11 @@ def talker(ros: Context) -> Iterator[Node]:
 def test_messages_are_documents_of_yaml() -> None:
     done = barc('echo', 'car/ecu', '-n', '3')
     assert (done.returncode, done.stderr) == (0, '')
+
     *documents, rest = yaml.safe_load_all(done.stdout)
     assert rest is None
     assert len(documents) == 3
+
     first = documents[0].pop('motor')
     assert documents[0] == {
         'header': {'stamp': {'sec': 7, 'nanosec': 0}, 'frame_id': ''},
@@ -120,6 +122,7 @@ def test_a_domain_without_nodes_is_named_in_one_sentence(ros_domain: int, tmp_pa
         ('topics',): nothing,
         ('param', 'list'): nothing,
     }
+
     for words, sentence in sentences.items():
         assert refused(*words).startswith(f'barc {words[0]}: error: {sentence}')
 
@@ -165,6 +168,7 @@ def test_names_are_listed_of_one_node_and_of_all() -> None:
 
 def test_a_parameter_can_be_set(car: Node) -> None:
     assert barc('param', 'get', '/one/car', 'gain').stdout == '30.0\n'
+
     for name, text, expected in (
         ('gain', '20.0', 20.0),
         ('gain', '25', 25.0),
@@ -226,8 +230,10 @@ def test_topics_have_types_and_counts_nodes_and_their_quality_of_service() -> No
     assert (done.returncode, done.stderr) == (0, '')
     assert '/rosout [rcl_interfaces/msg/Log] 2 publishers, 0 subscribers' in done.stdout
     assert '_hidden' not in done.stdout
+
     ours = done.stdout.partition('/ecu [')[2]
     assert ours.startswith('barc_interfaces/msg/ECU] 1 publisher, 1 subscriber')
+
     publisher, subscription, *_ = ours.split('\n\n')[1:]
     assert 'Node name: talker\n' in publisher
     assert 'Endpoint type: PUBLISHER\n' in publisher

@@ -90,6 +90,7 @@ def test_several_runs_are_labelled_by_their_differences_and_headed_by_what_they_
     for name, values in of_runs.items():
         make(Path(name), log, {'road': 'lab', 'parameters': parameters(**values)})
     words = saved_words(monkeypatch, *of_runs)
+
     assert {'pid, kp 5', 'pid, kp 20', 'lqr (c)', 'lqr (d)', '4 runs', 'road lab'} <= words
     assert not any('realtime' in word or 'weight' in word for word in words)
     assert {'kp 5', 'kp 20'} <= saved_words(monkeypatch, 'a', 'b')

@@ -71,6 +71,7 @@ def test_a_report_is_one_page_that_needs_no_other_file(tmp_path: Path) -> None:
     for words in ('Run bag', 'Gain kp', '30.0', 'after the first 10 m', '0.0207'):
         assert words in page.text
     assert not page.tags & {'script', 'link', 'iframe'}
+
     text = (bag / 'report.html').read_text(encoding='utf-8')
     assert not re.search(r'(src|href)="(?!data:)', text)
     # Headings go down one by one.
@@ -109,6 +110,7 @@ def test_texts_from_others_are_escaped(tmp_path: Path) -> None:
         {f'student/{EVIL}.py': EVIL.encode()},
     )
     page = page_of(bag)
+
     assert 'script' not in page.tags
     assert page.text.count(EVIL) >= len(keys) + 2
 
@@ -117,6 +119,7 @@ def test_the_report_of_a_drive_by_hand_has_its_path_and_no_error(tmp_path: Path)
     page = page_of(
         make(tmp_path / 'bag', drive_by_hand([(0.0, DriverInput(forward=1.0, turn=0.3))], 3.0))
     )
+
     assert 'Path, heading, speed and steering' in page.text
     assert 'position along the road' not in ' '.join(str(image['alt']) for image in page.images)
     assert '/vehicle_simulator' in page.text

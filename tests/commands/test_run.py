@@ -108,6 +108,7 @@ def test_bad_input_is_refused_in_one_line_and_leaves_no_file(
     for file in files.values():
         file.write_text('start_m,grade_deg\n0,steep\n')
     done = barc(*command.format(**files).split(), main=main)
+
     assert (done.returncode, done.stdout) == (2, '')
     assert ' error: ' in done.stderr
     assert words in done.stderr
@@ -142,6 +143,7 @@ def test_a_parameter_that_no_node_has_is_named(here: Path, engine: str) -> None:
     given = ('--params-file', 'all.yaml', '-p', 'ki:=2.0', '-p', 'kj:=2.0', '-p', 'pid:kp:=2.0')
     run = ('acc', *MAX, '--no-bag', '--distance', '0.3', '--engine', engine)
     done = barc(*run, '--ros-args', '-r', '__ns:=/car1', *given)
+
     assert re.findall('warning: (.*) sets nothing', done.stderr) == [
         'all.yaml vehicle_simulator:mass',
         'all.yaml car1/controller:kpp',
@@ -165,10 +167,12 @@ def test_the_real_time_factor_scales_the_time_of_the_run(here: Path) -> None:
 def test_a_pipe_gets_plain_lines_a_table_and_the_next_commands() -> None:
     out = printed('acc', *SHORT)
     assert '\x1b' not in out
+
     lines = out.splitlines()
     assert lines[0] == 'engine     ROS 2 (rclpy)'
     assert lines[1].endswith('0.000 m/s  error +8.000 m/s  grade +0°')
     assert 'whole run' in out
+
     bag_line, plot_line, replay_line = lines[-3:]
     path = bag_line.removeprefix('bag').strip()
     assert_whole(Path(path))
@@ -186,8 +190,10 @@ def test_a_closed_pipe_ends_the_run_in_order(start: Start, here: Path) -> None:
     assert process.stdout
     process.stdout.close()  # as `| head -1` does
     assert process.wait(timeout=200) == 0
+
     assert process.stderr
     assert 'Traceback' not in process.stderr.read()
+
     (path,) = (here / 'bags').iterdir()
     assert_whole(path)
 
@@ -205,6 +211,7 @@ def test_signal_ends_the_run_in_order_also_where_it_comes_twice(
     out, err = process.communicate(timeout=200)
     assert (process.returncode, 'Traceback' in err) == (0, False)
     assert 'whole run' in out
+
     (path,) = (here / 'bags').iterdir()
     assert_whole(path)
 
@@ -230,6 +237,7 @@ def test_signal_at_any_moment_leaves_a_whole_bag_or_none(
     out, err = process.communicate(timeout=200)
     assert 'Traceback' not in err
     assert 'Exception ignored' not in err
+
     bags = list((here / 'bags').iterdir()) if (here / 'bags').exists() else []
     if process.returncode in {-number, INTERRUPTED}:  # it came before the run could take over
         assert not bags

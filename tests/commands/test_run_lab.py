@@ -63,9 +63,11 @@ def test_the_users_class_gets_the_gains_and_the_bag_its_files(tmp_path: Path) ->
     path = bag.newest(tmp_path / 'bags')
     # Quiet, it prints nothing of theirs.
     assert (done.returncode, done.stdout) == (0, f'{path.relative_to(tmp_path)}\n')
+
     log = bag.read(path)
     assert np.array_equal(log.motor, 0.5 * (8.0 - log.v_x))
     assert np.isnan(log.proportional).all()
+
     names = ('controller.py', 'gain.py')
     wanted = {f'student/{name}': (folder / name).read_bytes() for name in names}
     assert bag.load(path).attachments == wanted
@@ -78,8 +80,10 @@ def test_the_labs_published_law_drives_as_published(tmp_path: Path) -> None:
     assert 'tolerated   bike_model.py: tabs and spaces are mixed' in out
     assert 'kp 10, ki 0.5, kd 0.4 (controller.py, line ' in out
     assert ', without a limit' in out
+
     log = bag.read(bag.newest(tmp_path / 'bags'))
     assert log.motor[0] > 80.0
+
     errors = summary(log)
     assert errors.rms_error_after_run_up == pytest.approx(0.101, abs=0.0005)
     assert errors.max_error_after_run_up == pytest.approx(0.367, abs=0.0005)
@@ -144,9 +148,11 @@ def test_the_bag_has_all_states_before_an_error_of_the_users_code(
     assert (done.returncode, done.stdout) == (1, f'{path.relative_to(tmp_path)}\n')
     assert f'barc {command.split(maxsplit=1)[0]}: error: {sentence}' in done.stderr
     assert 'Traceback' not in done.stderr
+
     information = bag.info(path)
     assert information['failure'].startswith(sentence)
     assert f'student/{name}.py' in bag.load(path).attachments
+
     if states:
         assert (len(bag.read(path)), information['steps']) == (states, str(states))
 
@@ -177,6 +183,7 @@ def test_files_that_cannot_be_used_leave_no_bag(tmp_path: Path, options: str, wo
     lab(tmp_path / 'empty')
     lab(tmp_path / 'identify', identify='def command(t): return 1.0\n')
     done = barc('acc', '-q', *options.split())
+
     assert (done.returncode, done.stdout) == (2, '')
     assert words in done.stderr
     assert done.stderr.count('\n') == 1
@@ -209,11 +216,13 @@ def test_a_killed_run_has_its_code_in_the_bag_before_and_after_recovery(
     assert process.stdout
     assert process.stdout.readline().startswith('engine ')
     assert ' m/s ' in process.stdout.readline()
+
     process.send_signal(signal.SIGKILL)
     process.wait()
     path = bag.newest(tmp_path / 'bags')
     expected = {'student/controller.py': (folder / 'controller.py').read_bytes()}
     assert bag.load(path).attachments == expected
+
     recover(path, tmp_path / 'whole')
     assert bag.load(tmp_path / 'whole').attachments == expected
 
@@ -228,6 +237,7 @@ def test_a_relay_drives(start: Start, tmp_path: Path) -> None:
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=200)
     log = bag.read(bag.newest(tmp_path / 'bags'))
+
     assert process.returncode == 0
     assert {2.5, 0.25} <= {*log.motor.tolist(), *log.servo.tolist()}
 

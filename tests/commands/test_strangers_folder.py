@@ -83,6 +83,7 @@ def test_a_submission_is_graded_beside_modules_of_pythons_names(
     set_traps(ada, as_folders=as_folders)
     done = run(ada, 'grade', '.', '--out', '../grades', '--jobs', '1')
     assert done.returncode == 0, done.stderr
+
     results = json.loads((ada.parent / 'grades' / 'results.json').read_text())
     assert results['score'] == 100.0
 
@@ -101,6 +102,7 @@ def test_settings_of_matplotlib_do_not_change_a_figure(tmp_path: Path) -> None:
     bag = bag_of(tmp_path, '--engine', 'local', '--realtime-factor', 'max', '--distance', '20')
     usual = barc('plot', str(bag), '--save', str(tmp_path / 'usual.png'))
     assert usual.returncode == 0, usual.stderr
+
     folder = tmp_path / 'ada'
     folder.mkdir()
     (folder / 'matplotlibrc').write_text('savefig.facecolor: red\nfont.size: 30\nbackend: none\n')
@@ -120,6 +122,7 @@ def test_settings_of_fast_dds_are_not_read(tmp_path: Path) -> None:
         f'<name>filename</name><value>{log}</value></property></consumer></log><wrong/></dds>'
     )
     done = run(folder, 'topics')
+
     assert 'no node is running' in done.stderr
     assert not log.exists()
 
@@ -136,6 +139,7 @@ def test_python_m_imports_nothing_more_of_the_working_directory(ada: Path) -> No
         text=True,
         check=False,
     )
+
     assert not caught.exists(), caught.read_text()
     assert 'criteria are met in full' in done.stdout, done.stderr
 

@@ -41,8 +41,10 @@ def command_of(out: str) -> list[str]:
 
 def test_the_printed_command_drives_with_the_cost_of_the_table(capsys: Capture) -> None:
     assert barc(['tune', '--seed', '3']) == 0
+
     captured = capsys.readouterr()
     assert captured.err == ''
+
     options = parse('acc', command_of(captured.out))
     log = closed_loop(controller=speed_controller(options.kp, options.ki, options.kd))
     rms = summary(log).rms_error_after_run_up
@@ -84,8 +86,10 @@ def test_a_users_controller_is_tuned(tmp_path: Path) -> None:
     args = ['--controller', str(path), '--road', 'flat']
     out = printed('tune', *QUICK, *args)
     assert command_of(out)[-2:] == ['--controller', str(path)]
+
     start, found = (float(each) for each in _row(out, 'kp'))
     assert start == 12.0  # the file chooses it
+
     # As in a run with it, there is no limit of acceleration.
     for kp, cost in zip((start, found), _row(out, 'cost: rms'), strict=True):
         ways = {'road': 'flat', 'distance': 30.0, 'acceleration_limit': NO_LIMIT}

@@ -95,6 +95,7 @@ def test_the_wheel_let_go_returns_to_straight_and_not_past_it() -> None:
         driver.command(0.0, 0.0)
     driver.receive(COAST, 0.0)
     angles = [driver.command(0.0, 0.0).servo for _ in range(20)]
+
     assert angles[0] == pytest.approx(0.7 * 7 * driver.dt - driver.dt)
     assert angles[-1] == 0.0
     assert min(angles) == 0.0

@@ -15,9 +15,11 @@ def test_the_binary_sequence_has_its_maximum_length() -> None:
     bits = np.array([prbs.acc_calculate(8.0, 0.0, 0.02) for _ in range(2046)])
     assert set(bits) == {-1.0, 1.0}
     assert (bits[:1023] == bits[1023:]).all()
+
     found = [bits[:1023] @ bits[k : k + 1023] for k in range(1023)]
     assert found[0] == 1023.0
     assert set(found[1:]) == {-1.0}
+
     prbs.reset()
     assert prbs.acc_calculate(8.0, 0.0) == bits[0]
 

@@ -149,6 +149,7 @@ def test_a_profile_is_as_fast_as_its_limits_allow() -> None:
     level = 50.0 - 2.0 * (12.0**2 - corner**2) / (2.0 * 2.0)  # [m] of each straight at 12 m/s
     time = 2.0 * (2.0 * (12.0 - corner) / 2.0 + level / 12.0) + 2.0 * pi * 20.0 / corner
     assert np.sum(oval.length / len(s) / speed) == pytest.approx(time, rel=1e-6)
+
     log = lap(track=oval, speed=profile)
     assert log.best == pytest.approx(time, abs=0.05)
     assert np.abs(log.speed_error[log.t > 8.0]).max() < 0.1
@@ -170,6 +171,7 @@ def test_a_profile_brakes_over_several_segments_and_an_open_track_has_free_ends(
     for s in (0.0, 9.0, 15.0, 30.0):
         assert profile(0.0, s) == pytest.approx(sqrt(corner**2 + 4.0 * (30.0 - s)))
     assert profile(0.0, track.length) == pytest.approx(corner)
+
     reverse = speed_profile(Track(track.lengths[::-1], track.curvatures[::-1]), 30.0, 6.0, 2.0)
     for s in (0.0, 9.0, 15.0, 30.0):
         assert reverse(0.0, track.length - s) == pytest.approx(profile(0.0, s))
@@ -219,10 +221,13 @@ def test_a_reset_begins_with_a_fresh_law_and_the_present_gains() -> None:
     beside = situation(navigator, 1.0, 0.5, 0.0, 5.0)
     assert [keeping.command(beside).servo for _ in range(2)] == [-0.05, -0.05]
     assert keeping.term('lane.calls') == 2
+
     keeping.reset()
     assert keeping.gain_values['lane.k'] == 0.1
+
     off = situation(navigator, 1.0, 20.0, 0.0, 5.0)
     assert keeping.command(off).servo == pytest.approx(-0.5)
+
     assert keeping.saturated
     assert keeping.term('lane.calls') == 1
 

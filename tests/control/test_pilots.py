@@ -169,6 +169,7 @@ def test_gains_of_both_pilots_are_set_by_name() -> None:
     keeping = LaneKeeping(as_pilot(LQR()), as_lane_pilot(LaneLQR()))
     keeping.set_gains({'speed_weight': 100.0, 'lane.preview': 0.5})
     values = keeping.gain_values
+
     assert values.keys() == keeping.gains.keys()
     assert (values['speed_weight'], values['lane.preview']) == (100.0, 0.5)
     with pytest.raises(UserError, match='preview: 99 is not a number from 0 to 10'):

@@ -80,6 +80,7 @@ def test_without_a_command_within_all_limits_the_last_one_is_cut(
     monkeypatch.setattr(mpc, 'STEERING_LIMIT', 0.1)
     assert law.steer_calculate(3.0, 0.5, 6.0, lambda _: 0.0) == -0.1
     assert law.infeasible == 1.0
+
     monkeypatch.undo()
     law.steer_calculate(0.0, 0.0, 6.0, lambda _: 0.0)
     assert law.infeasible == 0.0
@@ -101,6 +102,7 @@ def test_prediction_is_where_the_car_goes() -> None:
     measured = VehicleState(*track.place(40.0, 0.5, 0.0), 6.0, 0.0, 0.0)
     pilot.command(navigator.situation(0.0, 0.02, measured, lambda _t, _s: 6.0))
     assert pilot.plan is not None
+
     predicted = navigator.poses(pilot.plan)
     beside = track.frenet(predicted.x, predicted.y, predicted.psi)
     np.testing.assert_allclose(np.diff(beside.s), law.step, atol=1e-9)
@@ -174,6 +176,7 @@ def test_file_of_the_command_is_the_same_line(line: Track, tmp_path: Path) -> No
     text = printed('raceline', 'L', '--margin', '1.2', '-o', str(file), '--save', str(figure))
     assert f'racing line  {lap_time(line, LIMITS):6.2f} s' in text
     assert figure.read_bytes().startswith(b'\x89PNG')
+
     read = Track.named(str(file))
     np.testing.assert_allclose(read.lengths, line.lengths, atol=1e-9)
     np.testing.assert_allclose(read.curvatures, line.curvatures, atol=1e-9)

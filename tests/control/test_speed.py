@@ -84,9 +84,11 @@ def test_an_interval_that_is_not_positive_adds_to_no_integral_and_has_no_derivat
 def test_output_is_limited_and_marked_saturated() -> None:
     pid = PID(1.0, 0.0, 0.0, output_min=-2.0, output_max=3.0)
     assert pid.acc_calculate(8.0, 0.0) == 3.0
+
     assert pid.saturated
     assert pid.proportional == 8.0
     assert pid.acc_calculate(0.0, 8.0) == -2.0
+
     assert pid.saturated
     for at_or_within in (-2.0, 0.5, 3.0):
         assert pid.acc_calculate(at_or_within, 0.0) == at_or_within
@@ -178,6 +180,7 @@ def test_nan_gives_nan_once_and_leaves_no_trace(
 def test_presets_show_what_each_term_does() -> None:
     runs = {name: summary(simulate(**gains)) for name, gains in PID.presets.items()}
     errors = {name: run.rms_error_after_run_up for name, run in runs.items()}
+
     assert runs['P'].max_error_after_run_up == pytest.approx(4.9 / 4.0, abs=0.01)  # on the hill
     assert runs['P'].overshoot == 0.0
     assert 0.4 < errors['PI'] / errors['P'] < 0.5
@@ -243,6 +246,7 @@ def test_lqr_holds_the_speed_on_the_labs_road() -> None:
     result = summary(log)
     assert result.rms_error_after_run_up < 0.02
     assert result.max_error_after_run_up < 0.12
+
     terms = log.terms
     assert [*terms] == ['feedback', 'compensation']
     np.testing.assert_array_equal(

@@ -90,6 +90,7 @@ def test_keys_count_again_after_a_sequence_that_has_no_end(console: Pty) -> None
         with suppress(queue.Empty):
             keys.append(console.keys.get(timeout=1.0))
             break
+
     assert keys == ['up']
 
 

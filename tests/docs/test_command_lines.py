@@ -83,6 +83,7 @@ def test_command_lines_are_found_in_every_way_to_write_them(tmp_path: Path) -> N
         'barc is fine. `barc plot A`\n```bash\n$ barc acc \\\n  --speed 6 | head\n```\n'
     )
     assert [*command_lines(page)] == [['plot', 'A'], ['acc', '--speed', '6']]
+
     container = tmp_path / 'Dockerfile'
     container.write_text(
         'ENTRYPOINT ["barc", "grade", "--out", "/out"]\nRUN /a/bin/barc new lab\n',

@@ -52,6 +52,7 @@ def test_arrows_lead_from_publishers_to_subscribers_in_the_row_of_their_topic() 
     at, drawn = places(figure), arrows(figure)
     x = {node: at[node][0] for node in LOOP.nodes}
     assert x['/sim'] < x['/pid'] < x['/recorder']
+
     clock, ecu, state, reference = (
         at[topic][1] for topic in ('/clock', '/ecu', '/state', '/reference')
     )
@@ -63,6 +64,7 @@ def test_arrows_lead_from_publishers_to_subscribers_in_the_row_of_their_topic() 
         (ecu, x['/pid'], x['/sim']),
         (ecu, x['/pid'], x['/recorder']),
     }
+
     ((_, begin, end),) = from_outside
     assert begin < x['/sim'] < end == x['/pid']
     assert '/rosout' not in at

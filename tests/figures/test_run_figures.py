@@ -84,12 +84,15 @@ def test_speed_error_grade_and_command_are_drawn_against_the_position(log: Log) 
     assert np.array_equal(grade.lines[0].get_ydata(), log.theta_deg)
     assert np.array_equal(command.lines[0].get_ydata(), log.motor)
     assert len({each.get_xlim() for each in axes}) == 1
+
     tops = [each.get_position().y1 for each in axes]
     assert tops == sorted(tops, reverse=True)
+
     # The error has an axis of its own, after the run-up.
     beyond = log.distance >= 10.0
     shown = np.where(beyond, log.speed_error, np.nan)
     np.testing.assert_array_equal(error.lines[0].get_ydata(), shown)
+
     low, high = error.get_ylim()
     assert high - low < 1.0
     assert len(speed_figure(log.map(lambda column: column[:10])).axes) == 3
@@ -255,6 +258,7 @@ def test_drawing_opens_no_window_and_leaves_pyplot_alone() -> None:
     result = subprocess.run(
         [sys.executable, '-c', program], capture_output=True, text=True, check=True
     )
+
     assert result.stdout.strip() == 'False'
 
 
@@ -264,6 +268,7 @@ REQUESTS = [(0.2 * k, DriverInput(forward=0.5, turn=0.5 * sin(k / 5))) for k in 
 def test_path_heading_speed_and_steering_are_drawn() -> None:
     log = drive_by_hand(REQUESTS, 8.0)
     path, heading, speed, steering = drive_figure(log, title='mine').axes
+
     assert path.get_title(loc='left') == 'mine'
     assert path.get_aspect() == 1.0
     np.testing.assert_array_equal(path.lines[0].get_xydata(), np.c_[log.distance, log.across])
@@ -278,6 +283,7 @@ def test_the_heading_starts_again_after_a_reset() -> None:
     left = drive_by_hand([(0.2 * k, DriverInput(forward=0.5, turn=0.8)) for k in range(30)], 6.0)
     turned = np.degrees(left.psi[-1])
     assert 180.0 < turned < 540.0
+
     twice = left.map(lambda column: np.tile(column, 2))
     twice = replace(twice, t=0.02 * np.arange(len(twice)))
     _, heading, _, steering = drive_figure(twice).axes
@@ -320,6 +326,7 @@ def test_several_runs_have_a_line_each_in_one_figure(log: Log) -> None:
     assert [*lines(speed)] == ['part', 'run 2', 'reference']
     assert [len(line.get_xdata()) for line in grade.get_lines()] == [len(log)]
     assert len(grade.collections) == 1
+
     low, high = speed.get_ylim()
     assert 7.0 < low < log.speed[log.distance > 10.0].min()
     assert log.speed.max() < high < 9.0

@@ -42,6 +42,7 @@ def test_edges_are_half_the_width_from_the_line() -> None:
         found = track.frenet(x, y, np.zeros(len(x)), near=track.samples())
         np.testing.assert_allclose(found.e_y, e_y, atol=1e-9)
         np.testing.assert_allclose(found.s, track.samples(), atol=1e-9)
+
     assert np.ptp(finish.get_data()) == pytest.approx(4.0)
 
 
@@ -58,15 +59,19 @@ def test_the_metres_beside_the_track_stand_within_the_axes(length: float) -> Non
 def test_laps_are_those_of_the_log(log: TrackLog) -> None:
     laps, numbers = track_laps_of(log)
     assert [each.time for each in laps.finished] == log.lap_times.tolist()
+
     assert laps.best
     assert laps.best.time == log.best
+
     rows = np.equal(numbers, laps.best.number)
     assert laps.best.maximum == np.abs(log.e_y[rows]).max()
     assert laps.best.rms == pytest.approx(np.sqrt(np.mean(log.e_y[rows] ** 2)))
+
     figure = track_figure(log)
     (table,) = figure.axes[1].tables
     shown = [table[k, 1].get_text().get_text() for k in (1, 2, 3)]
     assert shown == [f'{each:.2f} s' for each in log.lap_times]
+
     (across,) = [line for line in figure.axes[2].lines if to_hex(line.get_color()) == BLUE.lower()]
     np.testing.assert_array_equal(across.get_ydata(), log.e_y[rows])
 
@@ -113,16 +118,20 @@ def test_every_run_has_a_figure(log: TrackLog) -> None:
         assert 'track L · lane stanley · kp 30.0' in [word.get_text() for word in words]
     single = lap(Stanley(), 'L', laps=1)
     assert len({*track_laps_of(single)[1]}) == 2  # the last state is behind the line
+
     legend = track_figure(single).axes[2].get_legend()
     assert [text.get_text() for text in legend.get_texts()] == ['best lap: 1']
+
     both = plot(log, unfinished, labels=['all', 'some'])
     legend = both.axes[2].get_legend()
     assert [text.get_text() for text in legend.get_texts()] == ['all', 'some']
     # The whole track, though this run has not driven along it; where it is unknown, the way alone.
     for figure in (plot(unfinished), plot(replace(unfinished, track=None), log)):
         assert '160 m' in [text.get_text() for text in figure.axes[0].texts]
+
     unknown = replace(log, track=None)
     assert '160 m' not in [text.get_text() for text in plot(unknown).axes[0].texts]
+
     view_of(unknown, Figure(figsize=SIZE, dpi=50)).update(5.0)
 
 
@@ -132,9 +141,11 @@ def test_the_last_lap_has_its_colour_and_each_lap_its_gains(log: TrackLog) -> No
     figure = track_figure(replace(log, parameters={'controller.lane.k': k}))
     legend = [text.get_text() for text in figure.axes[2].get_legend().get_texts()]
     assert legend == ['other laps', 'last lap: 3', 'best lap: 2']
+
     (table,) = figure.axes[1].tables
     texts = {place: cell.get_text() for place, cell in table.get_celld().items()}
     assert [texts[row, 5].get_text() for row in range(4)] == ['gains', 'k 0.5', 'k 1.5', 'k 1.5']
+
     colors = [to_hex(texts[row, 0].get_color()).upper() for row in range(1, 4)]
     assert colors[1:] == [BLUE, VERMILLION]
     assert colors[0] not in colors[1:]
@@ -172,6 +183,7 @@ def test_no_cell_of_a_table_covers_another(log: TrackLog) -> None:
 def test_the_pale_car_of_a_video_is_the_best_lap_at_the_same_time(log: TrackLog) -> None:
     view = view_of(log, Figure(figsize=SIZE, dpi=50), 'a run')
     assert isinstance(view, TopView)
+
     laps, _ = track_laps_of(log)
     assert laps.best
     other = next(each for each in laps.finished if each.number != laps.best.number)

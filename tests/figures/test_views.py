@@ -111,6 +111,7 @@ def test_the_car_is_pitched_as_the_road_and_rolls_in_a_window_of_any_shape(hills
     for distance in (5.0, 5.0 + 2.0 * pi * WHEEL_RADIUS / 4.0):
         view.update(time_at(hills, distance))
         turned.append(angle(on_screen(wheels(view)[0]), on_screen(wheels(view)[0], 0.3)))
+
     assert turn(turned[1], turned[0]) == pytest.approx(90.0, abs=3.0)
 
 
@@ -124,8 +125,10 @@ def test_the_car_points_where_it_is_heading_to_scale_and_its_front_wheels_are_tu
     rear, _, front, _ = wheels(view)
     heading = angle(on_screen(rear), on_screen(front))
     assert turn(degrees(by_hand.psi[k]), heading) == pytest.approx(0.0, abs=0.2)
+
     turned = angle(on_screen(front), on_screen(front, 0.3))
     assert turn(heading + degrees(by_hand.servo[k]), turned) == pytest.approx(0.0, abs=0.2)
+
     metre = hypot(*np.subtract(on_screen(rear, 1.0), on_screen(rear)))
     base = hypot(*np.subtract(on_screen(front), on_screen(rear)))
     assert base / metre == pytest.approx(Vehicle().l_f + Vehicle().l_r)
@@ -140,6 +143,7 @@ def test_readings_are_those_of_the_time_shown(hills: Log, by_hand: Log) -> None:
     expected = {f'{t:.2f} s', '8.00 m/s', '\N{MINUS SIGN}30°', command, '150 m', '160 m'}
     assert expected <= texts(side)
     assert not {'0 m', '100 m'} & texts(side)
+
     above.update(4.0)
     k = int(np.searchsorted(by_hand.t, 4.0 + 1e-9)) - 1
     assert {
@@ -166,6 +170,7 @@ def test_the_path_leads_to_the_car_and_not_over_a_reset(by_hand: Log) -> None:
     middle = np.mean([on_screen(wheel) for wheel in wheels(view)], axis=0)
     assert points[-1] == pytest.approx(middle)
     assert len(points) == 202
+
     both = by_hand.map(lambda column: np.tile(column, 2))
     view = drawn(replace(both, t=np.arange(2 * len(by_hand)) * 0.02))
     view.update(10.0)
@@ -205,6 +210,7 @@ def test_unknown_readings_are_a_dash_and_a_single_state_is_drawn(hills: Log, by_
         view.update(0.0)
         assert '0.00 s' in texts(view)
     view = drawn(replace(hills, reference=unknown, motor=unknown))
+
     assert '\N{EN DASH}' in texts(view)
     assert 'reference' not in [artist.get_label() for artist in view.artists]
     assert 'reference' in [artist.get_label() for artist in drawn(hills).artists]
@@ -233,6 +239,7 @@ def test_a_frame_equals_a_full_redraw(view: SideView) -> None:
         view.update(t)
         canvas.draw()
         assert np.array_equal(image, np.asarray(canvas.buffer_rgba()))
+
     assert not np.array_equal(quick[0], quick[1])
 
 
@@ -290,4 +297,5 @@ def test_gif_shows_its_images_for_their_time_and_repeats(tmp_path: Path) -> None
             durations.append(gif.info['duration'])
         gif.seek(1)
         assert gif.convert('RGB').getpixel((30, 30)) == COLOURS[1]
+
     assert sum(durations) == 11 * 40

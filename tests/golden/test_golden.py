@@ -69,6 +69,7 @@ def test_a_run_is_that_of_simulate(tmp_path: Path) -> None:
     with started(*Scenario(options, parameters).arguments(), cwd=tmp_path) as process:
         assert process.wait(60.0) == 0
     (bag,) = (tmp_path / 'bags').iterdir()
+
     assert read_bag(bag) == simulate(
         reference=tmp_path / 'speed.csv',
         disturbance=-900.0,

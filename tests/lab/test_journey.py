@@ -166,6 +166,7 @@ def test_the_car_of_a_name_is_identified_from_its_drive(
     (tmp_path / 'mine' / 'identify.py').write_text(f'{IDENTIFY}\n\n{script}')
     done('acc', '--road', 'flat', '--distance', '0', '--lab', 'mine', *FAST)
     assert read(newest()).t[-1] == pytest.approx(60.0)
+
     ended = subprocess.run(
         [sys.executable, 'mine/identify.py', str(newest())],
         capture_output=True,

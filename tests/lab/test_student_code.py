@@ -45,6 +45,7 @@ def test_check_and_grade_agree_to_the_point(tmp_path: Path) -> None:
     folder = write(tmp_path, work)
     checked = HILLS.judge_folder(folder, LAB.settings)
     one = report(read_submission(folder), ByHand(), LAB, ProcessLimits())
+
     assert [(item.criterion, item.points) for item in one.items] == [
         (finding.criterion, LAB.points_for(finding))
         for finding in checked.findings

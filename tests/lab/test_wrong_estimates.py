@@ -50,6 +50,7 @@ def test_the_bound_is_that_of_a_right_estimate() -> None:
         found = np.array(estimate(times, measured(car, commands), commands))  # type: ignore[operator]
         errors.append(np.abs(found[::2] - car) <= found[1::2])
         ratios.append(found[1::2] / car.intervals(commands))
+
     assert np.mean(errors) > 0.85
     assert np.allclose(ratios, 1.0, atol=0.15)
     assert NOISE > 0.0

@@ -53,6 +53,7 @@ def test_a_wrong_line_gets_its_points_sentence_and_line(tmp_path: Path, name: st
     points = points_of(program, text, RUBRIC, tmp_path, criteria)
     points += sum(RUBRIC.points[each] for each in RUBRIC.points if each not in criteria)
     points -= 0.0 if 'line.gain' in criteria else 10.0
+
     assert points == pytest.approx(program.points, abs=1.5)
 
 

@@ -59,6 +59,7 @@ def test_a_wrong_program_gets_its_points_sentence_and_line(name: str) -> None:
     findings = judged(texts)
     assert program.sentence in remarks(findings)
     assert points(findings) == pytest.approx(program.points, abs=5.0)
+
     if program.line:
         remark = next(m for m in remarks(findings).splitlines() if program.sentence in m)
         file, number = re.findall(r'(\w+\.py), line (\d+)', remark)[0]

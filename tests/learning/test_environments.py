@@ -131,6 +131,7 @@ def test_a_picture_shows_where_the_car_is_and_changes_nothing(name: str) -> None
                 action = np.zeros(env.action_space.shape)
                 np.testing.assert_equal(env.step(action), blind.step(action))
         assert (np.diff(places, axis=0)[:, 0] > 1.0).all()  # each course begins to the right
+
     assert blind.render() is None
 
 
@@ -142,9 +143,11 @@ def test_a_window_shows_each_step_until_it_is_closed(shown: list[Figure]) -> Non
     env.step([0.0, 0.0])
     pictures.append(window.images[0].get_array())
     assert not np.array_equal(*pictures)
+
     window.canvas.callbacks.process('close_event', None)
     env.step([0.0, 0.0])
     assert window.images[0].get_array() is pictures[1]
+
     env.close()
 
 
@@ -275,6 +278,7 @@ def test_a_lap_ends_no_episode_and_the_edge_does() -> None:
     while not over:
         _, reward, over, truncated, info = env.step([0.0])
         rewards.append(reward)
+
     assert not truncated
     assert abs(info['e_y']) > 3.0
     assert rewards[-1] < 0.0 < rewards[0]
@@ -349,6 +353,7 @@ def test_an_environment_takes_its_options_from_a_scenario(name: str, mode: str) 
         gymnasium.make_vec(IDS[name], 2, vectorization_mode=mode, ranges=ranges, **each)
         for each in (dict(speed=7.0, **options), {'scenario': of_scenario})
     ]
+
     np.testing.assert_array_equal(*(env.reset(seed=1)[0] for env in envs))
     for action in actions_of(envs[0].action_space.shape, 50):
         np.testing.assert_array_equal(*(env.step(action)[0] for env in envs))
@@ -361,6 +366,7 @@ def test_a_seed_gives_the_measurements_of_a_run_with_this_seed(mode: str, delay:
     logs = [simulate(seed=seed, distance=20.0, **options) for seed in (5, 6)]
     steps = min(map(len, logs))
     assert steps > 130  # more than two blocks of noise
+
     env = gymnasium.make_vec(IDS['Hills'], 2, vectorization_mode=mode, **options)
     speeds = [env.reset(seed=5, options={'s': 0.0, 'v': 0.0})[0][:, 1]]
     for k in range(steps - 1):
@@ -381,6 +387,7 @@ def test_the_start_of_a_seed_does_not_change_its_noise(mode: str) -> None:
             observed.append(env.reset(seed=4)[0][:, 1])
     exact, noisy, exact_of_ranges, noisy_of_ranges = observed
     errors = Sensor(NOISE, 4).errors(1)[0, 3], Sensor(NOISE, 5).errors(1)[0, 3]
+
     np.testing.assert_array_equal(noisy, exact + errors)
     np.testing.assert_array_equal(noisy_of_ranges, exact_of_ranges + errors)
     np.testing.assert_array_equal(exact, exact_of_ranges)
@@ -461,6 +468,7 @@ def test_a_pickled_environment_continues_as_the_original(name: str) -> None:
             observation, *_ = env.step(action)
             np.testing.assert_array_equal(before.step(action)[0], observation)
             np.testing.assert_array_equal(after.step(action)[0], observation)
+
     assert after.unwrapped is not env
 
 
@@ -499,6 +507,7 @@ def test_a_batch_takes_a_seed_for_each_car() -> None:
         gymnasium.make_vec(IDS['Lane'], 3, vectorization_mode=mode)
         for mode in ('sync', 'vector_entry_point')
     ]
+
     for seed in ([5, 1, 8], [2, None, None], 4, None):
         np.testing.assert_array_equal(*[env.reset(seed=seed)[0] for env in envs])
     with pytest.raises(UserError, match='must be one number, or one for each of 3 cars'):

@@ -111,9 +111,11 @@ def test_an_onnx_file_steers_as_the_function_that_it_holds(tmp_path: Path) -> No
         for each in (tmp_path / 'policy.onnx', function_of(source))
     ]
     assert logs[0].e_y == pytest.approx(logs[1].e_y, abs=1e-4)
+
     words = ('--track', 'oval', '--policy', 'policy.onnx', '--engine', 'local', *FAST)
     assert call('acc', *words, cwd=tmp_path).returncode == 0
     assert read(next((tmp_path / 'bags').iterdir())) == logs[0]
+
     law = Policy(tmp_path / 'policy.onnx')
     again = pickle.loads(pickle.dumps(law))  # noqa: S301 (our own)
     place = 0.3, 0.1, 5.0, lambda ahead: 0.01 * ahead
@@ -156,6 +158,7 @@ def test_a_policy_that_cannot_drive_is_refused_in_a_sentence(
     (tmp_path / 'empty.py').write_text('', 'utf-8')
     (tmp_path / 'bad.onnx').write_text('none', 'utf-8')
     done = call('acc', *words.split(), *FAST, cwd=tmp_path)
+
     assert done.returncode != 0
     assert complaint in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1

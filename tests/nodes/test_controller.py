@@ -110,6 +110,7 @@ def test_each_command_is_published_with_the_terms_of_the_pid(bench: Make) -> Non
     one.answers([(0, 4.0), (100 * MS, 4.2), (200 * MS, 0.0)])
     one.until(lambda: len(one.received) == 3)
     received = one.received[1]
+
     assert (received.reference, received.measurement, received.error) == pytest.approx(
         (5.0, 4.2, 0.8)
     )
@@ -162,6 +163,7 @@ def test_a_controller_that_is_no_pid_has_its_own_gains_and_terms(bench: Make) ->
     lqr = LQR(speed_weight=100.0, output_min=-3.0, output_max=3.0)
     samples = [(0, 7.9), (20 * MS, 7.95), (40 * MS, 4.0)]
     assert one.answers(samples) == [lqr.acc_calculate(8.0, v_x, 0.02) for _, v_x in samples]
+
     one.until(lambda: len(received) == 3)
     assert one.received == []
     assert received[2].names == ['feedback', 'compensation']
@@ -194,6 +196,7 @@ def test_whole_numbers_of_a_users_pilot_are_published(bench: Make) -> None:
     )
     one.until(lambda: one.controller.count_subscribers(topics.CONTROLLER_STATE) == 1)
     assert one.answers([(0, 7.0)]) == [1.0]
+
     one.until(lambda: len(received) == 1)
     assert (received[0].output, received[0].error) == (1.0, 1.0)
     assert (received[0].names, received[0].values.tolist()) == (['one'], [1.0])

@@ -98,6 +98,7 @@ def test_pose_lies_on_the_hill_and_is_pitched_by_it(bench: Make) -> None:
     assert isclose(turn.y / turn.w, -tan(radians(15.0)))
     assert (odom.header.frame_id, odom.child_frame_id) == ('odom', 'base_link')
     assert to_nanoseconds(odom.header.stamp) == STEP
+
     twist = odom.twist.twist
     assert (twist.linear.x, twist.linear.y, twist.angular.z) == (8.0, 0.5, 0.1)
 
@@ -128,6 +129,7 @@ def test_car_stands_on_the_hill_with_its_cabin_upright(bench: Make) -> None:
     for marker, x, z in ((body, 0.0, 0.5), (cabin, -0.2, 1.1)):
         place = marker.pose.position
         assert [place.x, place.y, place.z] == pytest.approx([*there + x * ahead + z * up])
+
     assert (body.type, body.pose.orientation) == (Marker.CUBE, cabin.pose.orientation)
     assert body.id != cabin.id
 
@@ -139,6 +141,7 @@ def test_a_late_subscriber_receives_the_road(bench: Make) -> None:
     world.until(lambda: bool(roads))
     surface, line = roads[0].markers
     highest = Road.lab().elevation(120.0)
+
     assert max(point.z for point in surface.points) == pytest.approx(highest)
     assert len(surface.points) == 6 * 9
     assert {point.y for point in surface.points} == {-3.0, 3.0}
@@ -154,10 +157,13 @@ def test_a_late_subscriber_receives_the_track_as_a_path_and_as_markers(bench: Ma
     world.until(lambda: bool(roads and paths))
     surface, line = roads[0].markers
     assert {each.header.frame_id for each in (surface, line, paths[0])} == {'odom'}
+
     edges = [track.frenet(each.x, each.y, 0.0).e_y for each in surface.points]
     assert {round(e_y, 9) for e_y in edges} == {-3.0, 3.0}
+
     poses = [each.pose for each in paths[0].poses]
     assert len(poses) == len(track.samples()) == len(line.points)
+
     for k, pose in enumerate(poses[:-1]):
         found = track.frenet(
             pose.position.x, pose.position.y, 2.0 * atan2(pose.orientation.z, pose.orientation.w)

@@ -85,6 +85,7 @@ def test_a_pause_is_announced_once_a_period() -> None:
         announced.clear()
     paused.press('quit')
     thread.join(DEADLINE)
+
     assert not thread.is_alive()
 
 

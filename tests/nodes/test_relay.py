@@ -81,6 +81,7 @@ def test_twists_that_are_not_finite_are_refused_with_one_warning_and_counted(
         b.send(brake=value)
     b.until(lambda: b.relay.refused.count == 9)
     b.until_motor(2.0)
+
     assert capfd.readouterr().err.count('refused a Twist') == 1
 
 

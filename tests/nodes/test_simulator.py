@@ -133,6 +133,7 @@ def test_states_are_stamped_a_period_apart_on_all_topics(world: World, rate: flo
     world.until(lambda: min(len(errors), len(environments)) >= 20)
     begin = stamps(world.states)[0]
     expected = [begin + k * round(1e9 / rate) for k in range(20)]
+
     assert stamps(world.states)[:20] == expected
     assert stamps(errors)[:20] == stamps(environments)[:20] == expected
     assert abs(begin - time.time_ns()) < 3600e9
@@ -151,6 +152,7 @@ def test_every_command_that_acts_is_published_and_those_that_were_missed_are_mar
     world.until(lambda: simulator.stepper.missed >= 3)
     simulator.stepper.pause(on=True)
     world.until(lambda: len(world.states) == simulator.stepper.states == len(applied) + 1)
+
     assert stamps(applied) == stamps(world.states)[:-1]
     assert sum(each.missed for each in applied) == simulator.stepper.missed
     # The last command holds where none arrived.
@@ -210,6 +212,7 @@ def test_the_clock_has_the_stamps_of_the_states_and_is_repeated_during_a_pause(
     late = world.received(Clock, '/clock', CLOCK_QOS)
     world.until(lambda: len(late) > 5)
     assert {to_nanoseconds(each.clock) for each in late} == {stamps(world.states)[-1]}
+
     world.call(SetBool, 'vehicle_simulator/pause', data=False)
     world.until(lambda: times[-1] != late[0])
     world.until(lambda: len({to_nanoseconds(each.clock) for each in times}) > 20)
@@ -267,11 +270,14 @@ def test_noise_and_actuators_can_be_changed_while_the_car_drives(world: World) -
     world.driver(partial(command, 1.0))
     world.until(lambda: len(seen) > 5)
     assert not any(seen[3].error)
+
     (result,) = simulator.set_parameters([Parameter('noise_v_x', value=0.5)])
     assert result.successful
+
     after = len(seen)
     world.until(lambda: len(seen) > after + 2)
     assert seen[after + 1].error.v_x != 0.0
+
     (refused,) = simulator.set_parameters([Parameter('noise_v_x', value=-1.0)])
     assert not refused.successful
 
@@ -406,4 +412,5 @@ def test_a_reset_continues_where_the_controller_does_not_answer(
     world.call(Trigger, 'vehicle_simulator/reset')
     before = simulator.stepper.states
     world.until(lambda: simulator.stepper.states > before + 3)
+
     assert capfd.readouterr().err.count('has not answered its reset') == 1

@@ -54,8 +54,10 @@ def test_every_state_reaches_the_page_with_its_messages(ros: Context, kind: str,
     assert len(received) >= len(log)
     np.testing.assert_allclose(np.diff(table['t']), 0.02)
     np.testing.assert_array_equal(table['theta_deg'][1:], 10.0 * (table['x'][1:] >= 20.0))
+
     shown = np.isfinite(table['motor']) & np.isfinite(sum(table[term] for term in law.terms))
     assert shown[-1]
+
     total = sum(table[term][shown] for term in law.terms)
     motor = table['motor'][shown]
     differ = np.flatnonzero(~np.isclose(np.clip(total, -8.0, 8.0), motor))
@@ -81,6 +83,7 @@ def test_the_page_has_the_missed_deadlines_of_the_simulator_to_the_end(ros: Cont
         missed = []
         while (message := json.loads(text_of(socket)))['type'] != 'end':
             missed += [message['missed']] if message['type'] == 'status' else []
+
     assert missed[-1] == stepper.missed > 0
 
 

@@ -200,6 +200,7 @@ def test_acc_shows_the_car_on_its_road(acc: Acc, open_: Open) -> None:
         tab.remember(canvas)
     car.state, car.stops_at = BicycleState(x=22.0, v=8.0), 30.0
     wait_until(lambda: 30.0 < tab.number('#position') < 30.5 and tab.text('#grade') == '10')
+
     for canvas in canvases:
         assert tab.changed(canvas) > 100, canvas
     assert tab.number('#speed') == pytest.approx(8.0, abs=0.3)
@@ -218,6 +219,7 @@ def test_nothing_is_cut_at_any_size_or_on_paper_and_all_works_by_keyboard(
             tab.until("document.querySelector('#kp')?.value === '30'")
         assert tab.without_keyboard() == []
         assert car.twists == []
+
         tab.run("document.querySelector('#goal').click()")
         cut = {}
         for width, height, touch in SIZES:
@@ -227,6 +229,7 @@ def test_nothing_is_cut_at_any_size_or_on_paper_and_all_works_by_keyboard(
         tab.resize(800, 1100)
         controls = "document.querySelectorAll('.actions *, .transport *, .presets *, .pads *')"
         assert not tab.run(f'Array.from({controls}).some((e) => e.checkVisibility())')
+
         cut[800, 1100] = tab.overflow()
         tab.media('')
         view.page.end('The run has ended.', bag='bags/run 1')
@@ -236,6 +239,7 @@ def test_nothing_is_cut_at_any_size_or_on_paper_and_all_works_by_keyboard(
             tab.resize(width, height, touch=touch)
             cut[width, height] += tab.overflow()
         assert tab.without_keyboard() == []
+
     assert {size: found for size, found in cut.items() if found} == {}
 
 
@@ -247,14 +251,17 @@ def test_keys_drive_the_car_that_is_shown_while_they_are_held(teleop: Teleop, op
     tab.press('ArrowUp')
     wait_until(lambda: car.state.v > 1.0)
     assert tab.run("document.querySelector('kbd.held').dataset.held") == 'forward'
+
     tab.release('ArrowUp')
     wait_until(lambda: car.twists[-1] == (0.0, 0.0))
     assert set(car.twists[:-1]) == {(1.0, 0.0)}
     assert tab.run("document.querySelector('kbd.held')") is None
+
     wait_until(lambda: tab.number('#speed') == pytest.approx(car.state.v, abs=0.02))
     for canvas in ('#scene', '#speed-chart'):
         assert tab.changed(canvas) > 200, canvas
     assert car.twists[-1] == (0.0, 0.0)
+
     tab.press('ArrowUp')
     wait_until(lambda: car.twists[-1] == (1.0, 0.0))
     tab.run("dispatchEvent(new Event('blur'))")  # the page loses the focus
@@ -281,6 +288,7 @@ def test_two_fingers_drive_and_steer(teleop: Teleop, open_: Open) -> None:
     wait_until(lambda: car.state.v > 0.5 and car.state.psi > 0.01)
     assert car.twists[-1][0] > 0.5
     assert car.twists[-1][1] > 0.5
+
     tab.touch('touchEnd')
     wait_until(lambda: car.twists[-1] == (0.0, 0.0))
 
@@ -289,6 +297,7 @@ def test_goal_counts_the_cones_that_are_touched(teleop: Teleop, open_: Open) -> 
     view, car = teleop
     tab = open_(view.url)
     assert tab.run("document.querySelector('#goal-panel').hidden") is True
+
     tab.click('#goal')
     car.state = BicycleState(x=19.0)
     tab.press('ArrowUp')
@@ -330,16 +339,19 @@ def test_sliders_work_by_keyboard_and_arrows_do_not_drive(acc: Acc, open_: Open)
     tab.type('ArrowRight')
     wait_until(lambda: controller.get_parameter('kp').value == pytest.approx(30.5))
     assert car.twists == []
+
     tab.focus_by_tab('#pause')
     tab.press('ArrowUp')
     tab.release('ArrowUp')
     tab.type('Space')
     wait_until(lambda: car.paused and tab.text('#pause') == 'Resume')
     assert car.twists == []
+
     tab.select('#kd', -2e6)  # what is refused is explained, and replaced
     tab.until("document.querySelector('#tuning-note').textContent.startsWith('kd: -2e+06 is not')")
     assert tab.run("document.querySelector('#kd').value") == '0.1'
     assert controller.get_parameter('kd').value == 0.1
+
     tab.select('#acceleration_limit', 1e6)  # no limit, as with a user's controller
     tab.until("document.querySelector('#acceleration_limit').value === '1e+6'")
     box = "document.querySelector('#acceleration_limit')"
@@ -452,6 +464,7 @@ def test_a_number_beyond_its_limits_is_refused_with_the_sentence_of_the_command_
         wait_until(lambda sentence=sentence: note(tab) == sentence)
         wait_until(lambda args=(tab, node, name, before): is_shown(*args))
     assert tab.text('#state') == 'Live'
+
     bottom = tab.run("document.querySelector('#tuning-note').getBoundingClientRect().bottom")
     assert bottom <= 720
 
@@ -481,10 +494,12 @@ def test_nothing_can_be_set_while_disconnected(acc: Acc, open_: Open) -> None:
         '30',
         '30',
     ]
+
     controller.set_parameters(overrides(kp=20.0))
     tab.run('reconnect()')
     wait_until(lambda: is_shown(tab, controller, 'kp', 20.0))
     assert tab.run(usable) == connected
+
     tab.enter('#kp', '25')
     wait_until(lambda: is_shown(tab, controller, 'kp', 25.0))
 
@@ -498,8 +513,10 @@ def test_a_key_that_is_held_while_the_connection_breaks_is_released(
     wait_until(lambda: car.state.v > 0.5)
     disconnect(view, tab)
     assert tab.run("document.querySelector('kbd.held')") is None
+
     tab.press('ArrowLeft')
     assert tab.run("document.querySelector('kbd.held')") is None
+
     wait_until(lambda: car.braking)  # the run has noticed it, too
     twists = len(car.twists)
     tab.run('reconnect()')
@@ -562,6 +579,7 @@ def test_the_page_shows_the_forces_and_terms_of_the_messages(acc: Acc, open_: Op
     gravity = -Vehicle().mass * Vehicle().gravity * math.sin(math.radians(10.0))
     wait_until(lambda: tab.number('#force-gravity') == round(gravity))
     assert (tab.number('#force-drag'), tab.number('#force-friction')) == (-1.5, -0.25)
+
     shown = tab.run(
         "['#force-motor', '#term-motor', '#term-proportional', '#term-integral', "
         "'#term-derivative'].map((id) => document.querySelector(id).textContent)"
@@ -611,6 +629,7 @@ def test_reset_begins_a_lap_and_the_last_one_stays_as_a_ghost(acc: Acc, open_: O
     tab.until(f'Math.abs({last} - {rms}) < 6e-4')
     # The lap in the chart is broken at the reset: its states have another number.
     laps = lap_facts(view.page.feed.laps)
+
     assert laps['current']['start'] == pytest.approx(laps['last']['end'] + TS)
 
 
@@ -671,6 +690,7 @@ def test_buttons_pause_and_reset_the_run(teleop: Teleop, open_: Open) -> None:
     wait_until(lambda: car.paused)
     wait_until(lambda: tab.text('#state') == 'Paused')
     assert tab.text('#pause') == 'Resume'
+
     tab.click('#pause')
     wait_until(lambda: not car.paused)
     tab.click('#reset')
@@ -692,6 +712,7 @@ def test_end_card_has_the_score_and_the_next_commands(acc: Acc, open_: Open) -> 
     laps, stretches = lap_facts(view.page.feed.laps), stretch_facts(view.page.feed.laps.current)
     tab.click('#end-card summary')
     card = tab.text('#end-card')
+
     assert f'{laps["current"]["rms"]:.3f} m/s' in card
     assert f'{stretches[1]["max_error"]:.3f}' in card
     assert 'barc acc --gain kp=30 --gain ki=200 --gain kd=0.1 --speed 8 --laps 0' in card
@@ -726,6 +747,7 @@ def test_page_reports_a_lost_connection_and_reconnects(teleop: Teleop, open_: Op
     tab.until("(window.shown ?? '').startsWith('The connection to the run was lost')")
     wait_until(lambda: tab.text('#state') == 'Live')
     assert tab.run("document.querySelector('#message').hidden") is True
+
     car.state = BicycleState(x=33.0)
     wait_until(lambda: tab.text('#place').startswith('33'))
 
@@ -785,18 +807,23 @@ def test_the_page_shows_the_laps_of_a_track_as_the_log_has_them(ros: Context, op
             for value in (each.time, each.rms, each.maximum, 100.0 * each.at_limit)
         ]
         assert tab.run(cells) == pytest.approx(expected, abs=0.006)
+
         wait_until(lambda: tab.number('#e-y') == pytest.approx(log.e_y[-1], abs=6e-4))
         assert tab.number('#e-psi') == pytest.approx(math.degrees(log.e_psi[-1]), abs=0.06)
         assert tab.number('#term-servo') == pytest.approx(math.degrees(log.servo[-1]), abs=6e-4)
         # The chart and its legend have the unit of all other angles, too.
         assert tab.text('#command-heading') == 'Error e_psi °'
+
         legend = tab.text('#command-legend').replace('\N{MINUS SIGN}', '-').split()
         assert legend[::2] == ['e_psi', 'steering']
+
         shown = [float(value) for value in legend[1::2]]
         expected = [math.degrees(each[-1]) for each in (log.e_psi, log.servo)]
         assert shown == pytest.approx(expected, abs=6e-4)
+
         seconds = time.monotonic() - began
         assert all(count <= seconds + 1.0 for count in tab.run('Object.values(announced)'))
+
         tab.until("document.getElementById('lane.q_e_y').value === '0.05'")
         tab.select('[id="lane.q_e_y"]', 0.25)
         wait_until(lambda: controller.get_parameter('lane.q_e_y').value == 0.25)
@@ -808,6 +835,7 @@ def test_the_page_shows_the_laps_of_a_track_as_the_log_has_them(ros: Context, op
             'barc acc --lane-gain q_e_y=0.25 --lane-gain q_e_psi=0.2 --lane-gain preview=0 '
             '--speed 10 --track circle --lane lqr --laps 3'
         )
+
         view.page.end('The run has ended.', bag='bags/run 1')
         tab.until("!document.querySelector('#end-card').hidden")
         assert laps.best

@@ -159,6 +159,7 @@ def test_sliders_and_terms_follow_from_the_controllers_declaration() -> None:
     assert facts('acc', driven(PID()))['sliders']['kp']['label'] == 'Proportional gain, kp [1/s]'
     assert found['sliders']['motor_limit']['label'] == 'Limit of the motor, 0: none [m/s²]'
     assert found['sliders']['speed_reference']['unit'] == 'm/s'
+
     values = {'observer_gain': 0.5, 'acceleration_limit': 8.0, 'motor_delay': 0.1}
     assert values.items() <= found['tuning'].items()
     assert found['controller_type'] == 'lqr'
@@ -196,6 +197,7 @@ def test_a_slider_takes_its_limits_and_a_car_without_an_end_goes_backwards() -> 
     run.check('speed_reference', -5.0)
     ahead = run._replace(simulator=lambda: {'distance': 180.0})
     assert ahead.limits('speed_reference') == (0.0, 100.0)
+
     lap = driven(PID(), LaneLQR(), Track.named('L'))
     lap.check('speed_reference', -5.0)
     lap = lap._replace(simulator=lambda: {'laps': 3})
@@ -220,6 +222,7 @@ def test_presets_set_known_parameters_and_the_windup_alone_has_a_limit_of_the_mo
     presets = found['presets']
     assert {name for values in presets.values() for name in values} <= found['sliders'].keys()
     assert [name for name, values in presets.items() if values['motor_limit']] == ['Windup']
+
     windup = presets['Windup']
     limited = {**windup, 'acceleration_limit': windup['motor_limit']}
     overshoots = []

@@ -88,6 +88,7 @@ def played(browser: Browser) -> Played:
 def test_the_page_receives_the_whole_run(log: Log) -> None:
     hello, rows = replay(replace(log, missed=log.t > log.t[-4]), 'my run')
     hello_fields = json.loads(hello)
+
     assert (hello_fields['mode'], hello_fields['replay']) == (
         'acc',
         {'title': 'my run', 'missed': 3},
@@ -112,6 +113,7 @@ def test_a_replay_is_served_until_ctrl_c() -> None:
     ) as process:
         assert process.stdout
         assert process.stdout.readline().startswith('http://127.0.0.1:')
+
         process.send_signal(signal.SIGINT)
         assert process.wait(30) == 0
 
@@ -124,6 +126,7 @@ def test_the_command_replay_serves_one_run_or_two(
     monkeypatch.setattr(run_page, 'serve', lambda *given: served.extend(given))
     assert barc(['replay', str(tmp_path), '--view-port', '8080']) == 0
     assert served == [log, tmp_path.name, '127.0.0.1', 8080, None]
+
     served.clear()
     other = tmp_path / 'other'
     assert barc(['replay', str(tmp_path), str(other)]) == 0
@@ -150,6 +153,7 @@ def test_browser_follows_the_private_file_to_the_page(log: Log, browser: Browser
 def test_the_page_plays_pauses_and_seeks(log: Log, played: Played) -> None:
     with played(log) as tab:
         assert tab.text('#title') == 'my run'
+
         tab.click('#play')
         wait_until(lambda: tab.text('#play') == 'Play')
         _seek(tab, 13.0)
@@ -158,6 +162,7 @@ def test_the_page_plays_pauses_and_seeks(log: Log, played: Played) -> None:
             np.interp(13.0, log.t, log.distance), abs=0.1
         )
         assert tab.text('#seek-time') == f'13.0 / {log.t[-1]:.1f} s'
+
         tab.click('#play')
         wait_until(lambda: tab.number('#time') > 13.2)
         tab.type('Space')
@@ -168,6 +173,7 @@ def test_the_page_plays_pauses_and_seeks(log: Log, played: Played) -> None:
         tab.focus_by_tab('#pace')
         tab.type('ArrowDown')
         assert tab.run("document.querySelector('#pace').value") == '2'
+
         tab.focus_by_tab('#seek')
         tab.type('ArrowRight')
         wait_until(lambda: tab.number('#time') == pytest.approx(before, abs=0.11))
@@ -202,6 +208,7 @@ def test_a_chart_can_be_zoomed_read_hidden_and_saved(log: Log, played: Played) -
         table = tab.run('saved[0].text()').splitlines()
         assert table[0].split(',') == [*COLUMNS, 'acting', 'place']
         assert len(table) == len(log) + 1
+
         speeds = [float(line.split(',')[COLUMNS.index('speed')]) for line in table[1:]]
         np.testing.assert_array_equal(speeds, log.speed)
 
@@ -236,6 +243,7 @@ def test_a_second_run_is_drawn_beside_the_first(log: Log, played: Played) -> Non
         shown = [f'{metrics.summary(run).rms_error_after_run_up:.3f}' for run in (weak, log)]
         assert tab.run(cells)[:2] == shown
         assert tab.text('.laps.acc thead').strip().split('\t')[1:] == ['this run', 'other run']
+
         tab.click('#play')
         _seek(tab, 12.0)
         wait_until(lambda: tab.number('#time') == 12.0)
@@ -271,6 +279,7 @@ def test_a_print_keeps_the_shapes_and_the_chosen_colours(log: Log, played: Playe
         assert len(found) >= 4  # the canvases, at least
         assert found == pytest.approx([1.0] * len(found), rel=0.01)
         assert tab.text('#theme') == 'Light'
+
         box = "document.querySelector('#speed-chart').getBoundingClientRect()"
         canvas = "document.querySelector('#speed-chart')"
         tab.until(f'Math.abs({canvas}.width / {canvas}.height - {box}.width / {box}.height) < 0.02')
@@ -349,8 +358,10 @@ def test_a_track_has_its_errors_and_the_best_lap_as_a_ghost(played: Played) -> N
     row = numbers.index(next(each.number for each in laps.finished if each != laps.best)) + 500
     with played(log, width=1440, height=900) as tab:
         assert tab.run('document.body.dataset.mode') == 'track'
+
         best = tab.text('#track-laps .best').split()
         assert best[:2] == [f'{laps.best.number + 1}', f'{laps.best.time:.2f}']
+
         tab.click('#play')
         tab.run_file(PROGRAMS / 'note_cars.js')
         _seek(tab, log.t[row])
@@ -366,6 +377,7 @@ def test_a_track_has_its_errors_and_the_best_lap_as_a_ghost(played: Played) -> N
             (place[0] - log.x[row], place[1] - log.y[row]), abs=0.02
         )
         assert -ghost['rotate'][0] == pytest.approx(place[2], abs=0.01)
+
         tab.select('#axis', 't')
         for width, height, touch in SIZES:
             tab.resize(width, height, touch=touch)
@@ -450,5 +462,6 @@ def test_the_last_command_of_silent_pages_never_moves_the_car(
             last = request
     if drivers.times_out(now + STALE_AFTER + 0.001):
         last = FULL_BRAKE
+
     assert last in (COAST, FULL_BRAKE)
     assert not drivers.times_out(now + 10.0)

@@ -232,11 +232,14 @@ def test_the_browsers_arguments_have_no_token_and_its_file_is_private_and_remove
     seen = json.loads(browser_stub.read_text('utf-8'))
     assert token(server) not in ' '.join(seen['arguments'])
     assert seen['modes'] == ['0o600', '0o700']
+
     (link,) = re.findall(r'href="(.*?)"', seen['text'])
     assert link == server.url
     assert f'content="0; url={link}"' in seen['text']
+
     folder = Path(seen['path']).parent
     assert not folder.name.startswith('.')  # which a browser in a container could not read
+
     if page_opens:
         with page(server):
             wait_for(lambda: not folder.exists())
@@ -276,6 +279,7 @@ def test_a_page_is_greeted_and_exchanges_messages_with_the_server(server: Record
         assert [client.recv(DEADLINE) for client in (one, two)] == [b'rows', b'rows']
         one.send(encode('drive', forward=0.5, turn=-1, brake=0))
         assert one.recv(DEADLINE) == encode('refused', what='drive', why='test')
+
     assert server.received == [DriverInput(0.5, -1.0)]
 
 
@@ -306,9 +310,11 @@ def test_slow_page_misses_states_but_no_messages(server: ViewServer) -> None:
         server.call(lambda: broadcast(server.pages, encode('end', reason='test')))
         server.call(done.set)
         assert done.wait(DEADLINE)
+
         states = 0
         while (message := client.recv(DEADLINE)) != encode('end', reason='test'):
             states += isinstance(message, bytes)
+
     assert states < 200
 
 

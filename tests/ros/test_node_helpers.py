@@ -102,6 +102,7 @@ HOLDER = Path(__file__).with_name('programs') / 'hold_topic.py'
 def test_another_process_holds_its_claim_until_it_is_killed(ros: Context, ros_domain: int) -> None:
     node = Node('car', context=ros)
     assert not others_here(ros_domain)
+
     with subprocess.Popen(
         [sys.executable, HOLDER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as holder:
@@ -110,9 +111,11 @@ def test_another_process_holds_its_claim_until_it_is_killed(ros: Context, ros_do
         assert others_here(ros_domain)
         with pytest.raises(UserError):
             claim(node, 'z_vhcl')
+
         holder.kill()
         holder.wait(timeout=200)
     assert not others_here(ros_domain)
+
     claim(node, 'z_vhcl').close()
 
 
@@ -148,5 +151,6 @@ def test_messages_are_taken_with_their_times_number_and_publisher(nodes: tuple[N
     assert all(before <= each <= after for each in published)
     assert all(subscribed <= each <= time.time_ns() for each in received)
     assert numbers == (1, 2, 3)
+
     (info,) = subscribing.get_publishers_info_by_topic('number')
     assert {*publishers} == {bytes(info.endpoint_gid)}

@@ -48,6 +48,7 @@ def test_nodes_of_two_processes_find_each_other_and_end_in_order(start: Start) -
     out, err = simulator.communicate(timeout=200)
     assert (simulator.returncode, out) == (0, '')
     assert 'Traceback' not in err
+
     controller.send_signal(signal.SIGTERM)
     assert controller.communicate(timeout=200) == ('', '')
     assert controller.returncode == 0
@@ -85,6 +86,7 @@ def test_the_users_log_level_stays() -> None:
     )
     command = [sys.executable, '-c', script]
     told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+
     assert told.stdout == 'DEBUG\n'
 
 
@@ -128,6 +130,7 @@ def test_our_profiles_are_set_where_the_user_has_none() -> None:
     environment: dict[str, str] = {}
     use_profiles(environment)
     assert environment.pop('RMW_FASTRTPS_USE_QOS_FROM_XML') == '1'
+
     (path,) = environment.values()
     policies = ET.fromstring(Path(path).read_text(encoding='utf-8')).iter()
     assert [element.text for element in policies if 'MemoryPolicy' in element.tag] == [
@@ -168,6 +171,7 @@ def test_an_old_segment_without_a_process_is_removed_and_nothing_else(segment: P
     with lock.open('rb') as held:
         fcntl.flock(held, fcntl.LOCK_EX)
         assert sweep(segment.parent, min_age=-1.0) == 0
+
     assert sweep(segment.parent) == 0
     assert {*segment.parent.iterdir()} == {segment, lock, *others}
     assert sweep(segment.parent, min_age=-1.0) == 1
@@ -194,6 +198,7 @@ def test_an_error_names_the_port_that_fast_dds_would_wait_for(tmp_path: Path, na
     os.mkfifo(path)
     with pytest.raises(UserError, match=f'{path.name}.*is not a regular file.*remove it, or'):
         check_ports(7, tmp_path)
+
     for domain in (6, 8):
         check_ports(domain, tmp_path)
 
@@ -221,6 +226,7 @@ def test_nodes_find_each_other_without_shared_memory_and_print_nothing(
     others = [line for line in err.splitlines() if 'has not answered its reset' not in line]
     assert (process.returncode, others) == (0, [])
     assert (tmp_path / out.strip()).is_dir()
+
     controller.send_signal(signal.SIGTERM)
     assert controller.communicate() == ('', '')
 
@@ -239,4 +245,5 @@ def test_a_message_outlives_its_publisher_and_shares_no_file() -> None:
         check=True,
         timeout=200,
     )
+
     assert done.stdout == '[std_msgs.msg.Float64(data=5.0)] []\n'

@@ -62,6 +62,7 @@ def test_a_controller_written_by_others_drives_a_run(start: Start, tmp_path: Pat
     run = start(*RUN, '--distance', '10')
     assert run.stderr
     assert 'waiting for a controller that publishes /ecu' in run.stderr.readline()
+
     start(PROPORTIONAL_CONTROLLER)
     log = bag.read(tmp_path / ended(run))
     expected = closed_loop(
@@ -119,4 +120,5 @@ def test_a_run_on_one_machine_is_driven_from_another(
     expected = closed_loop(
         controller=speed_controller(kp=1.0, ki=0.0, kd=0.0, limit=100.0), distance=10.0
     )
+
     assert log.v_x.tolist() == expected.v_x.tolist()

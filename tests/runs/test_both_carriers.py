@@ -75,6 +75,7 @@ def test_runs_with_and_without_ros_give_equal_bags(tmp_path: Path, controller: s
         words = ('--engine', engine, '--bag-dir', str(bags), '--controller-type', controller)
         printed('acc', *words, '--realtime-factor', 'max', '--distance', '20')
         found[engine] = topics(bags)
+
     assert found['local'].keys() == found['ros'].keys() >= {'/z_vhcl', '/ecu', '/rosout'}
     for name, topic in found['ros'].items():
         assert found['local'][name] == topic, name

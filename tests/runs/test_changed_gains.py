@@ -79,6 +79,7 @@ def test_each_lap_is_driven_with_the_gains_of_its_time(path: Path, laps: list[Lo
     recorded, numbers = laps_of(log)
     settings = lap_settings_of(log, numbers)
     assert [settings.text(k) for k in range(3)] == TEXTS
+
     for lap, alone in zip(recorded, laps, strict=True):
         rows = np.array(numbers) == lap.number
         assert np.array_equal(log.speed[rows], alone.speed)
@@ -104,8 +105,10 @@ def test_the_plot_has_the_errors_and_the_gains_of_each_lap(path: Path, errors: l
         assert texts[k + 1, 0] == f'{k + 1}'
         assert texts[k + 1, 2] == f'{errors[k]:.3f} m/s'
         assert texts[k + 1, 6] == TEXTS[k]
+
     names = [str(line.get_label()) for line in figure.axes[0].lines]
     assert names == ['other laps', 'lap 3, best and last', 'reference']
+
     heading = {text.get_text() for text in figure.axes[0].texts}
     assert 'road lab · kp 2 → 4 → 30 · ki 0 → 8 → 200 · kd 0 → 0.1' in heading
 
@@ -120,6 +123,7 @@ def test_the_report_has_the_errors_and_the_gains_of_each_lap(
         assert row
         assert f'<td>{errors[k]:.4f}</td>' in row[0]
         assert f'<td>{TEXTS[k]}</td>' in row[0]
+
     assert '<td><span>2 → 4 → 30</span></td>' in page
     assert 'The controller&#39;s terms in lap 3' in page
     for name in ('kp', 'ki'):
@@ -134,6 +138,7 @@ def test_the_table_has_the_gains_of_each_state(
         rows = [*csv.DictReader(file)]
     log = read_bag(path)
     assert len(rows) == len(log)
+
     for k in range(3):
         lap = [row for row in rows if row['lap'] == f'{k}']
         for name, value in GAINS[k].items():

@@ -84,6 +84,7 @@ def test_the_bag_marks_as_many_missed_commands_as_were_counted(tmp_path: Path, e
     options = ('--controller', str(tmp_path / 'slow.py'), '--distance', '10', '--engine', engine)
     run = printed('acc', *options, '-q', '--bag-dir', str(tmp_path / 'bags')).strip()
     info, log = bag.info(run), bag.read(run)
+
     assert int(info['missed_deadlines']) + int(info['slipped_periods']) > 0
     assert np.count_nonzero(log.missed) == int(info['missed_deadlines'])
     assert info['lost_messages'] == '0'
@@ -99,13 +100,16 @@ def test_each_lap_is_the_run_of_one_lap_and_has_a_row(tmp_path: Path) -> None:
         r'^ +(\d)  +0\.0 to +30\.2 m +0\.\d+ +0\.\d+ +0\.3% +1\.00', out, re.MULTILINE
     )
     assert rows == ['1', '2']
+
     path = bag.newest(tmp_path / 'bags')
     log, single = bag.read(path), closed_loop(distance=30.0)
     numbers = np.array(laps_of(log)[1])
     for number in range(2):
         assert_same(replace(log.map(lambda c: c[numbers == number]), t=single.t), single)  # noqa: B023 (called at once)
+
     parameters = yaml.safe_load(bag.info(path)['parameters'])
     assert parameters['/vehicle_simulator']['ros__parameters']['laps'] == 2
+
     printed('report', str(path), '-o', str(tmp_path / 'report.html'))
     assert 'lap 2, 0.0 to 30.2 m' in (tmp_path / 'report.html').read_text()
 
@@ -127,6 +131,7 @@ def test_the_bag_has_each_step_once_on_each_topic(path: Path) -> None:
     for topic in TOPICS:
         assert stamps(found[topic]) == [begin + k * 20_000_000 for k in range(steps)], topic
     assert found['/z_vhcl'][-2].x < 3.0 <= found['/z_vhcl'][-1].x
+
     with AnyReader([path]) as reader:  # the bag's time is the simulated one
         times = [time for _, time, _ in reader.messages(reader.topics['/z_vhcl'].connections)]
     assert times == stamps(found['/z_vhcl'])

@@ -33,8 +33,10 @@ def test_memory_stays_flat_and_the_bag_is_whole(tmp_path: Path) -> None:
         timeout=1800,
     )
     assert int(done.stdout.splitlines()[-1]) < 5e6
+
     path = bag.newest(tmp_path)
     assert bag.info(path)['lost_messages'] == '0'
+
     (file,) = path.glob('*.mcap')
     mcap_doctor.check(file)
     assert len(bag.read(path)) >= STEPS

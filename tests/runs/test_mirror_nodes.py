@@ -28,9 +28,11 @@ def test_every_state_is_mirrored_and_the_run_is_the_same(engine: str, tmp_path: 
     path = bag_of(tmp_path, *options, '--engine', engine)
     found = messages(path)
     assert set(found) > EACH_STATE | (NOW_AND_THEN - {'/diagnostics'})
+
     stamps = [state.header.stamp for state in found['/z_vhcl']]
     for topic in EACH_STATE:
         assert [message.header.stamp for message in found[topic]] == stamps, topic
+
     if engine == 'local':  # the wheels of ROS have no tf2_msgs
         frames = [
             (each.header.frame_id, each.child_frame_id) for each in found['/tf'][0].transforms

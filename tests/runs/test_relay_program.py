@@ -47,6 +47,7 @@ def test_a_program_of_rclpy_is_a_node_of_its_own_that_ends_with_the_run(tmp_path
     assert run.returncode == 0, err
     with pytest.raises(ProcessLookupError):
         os.kill(int(next(filter(str.isdigit, err.split()))), 0)
+
     path = newest(tmp_path)
     assert tmp_path / out.strip() == path
     assert 'Traceback' not in err

@@ -78,6 +78,7 @@ def test_keys_drive_the_car_as_the_limits_predict_and_the_drive_can_be_repeated(
     session.look(0.5)  # coasting
     session.type(b'q')
     assert session.end() == 0
+
     log = bag.read(session.bag())
     received = requests(session.bag())
     # Where this test is late with a repeat, the key counts as released in between.
@@ -85,12 +86,14 @@ def test_keys_drive_the_car_as_the_limits_predict_and_the_drive_can_be_repeated(
         after - t for (t, request), (after, _) in pairwise(received) if request.forward == 1.0
     )
     assert driven > PRESS_HOLD
+
     slack = lost(session.bag()) * DriverLimits().acceleration
     expected = driven * DriverLimits().acceleration
     assert log.speed[-1] == pytest.approx(expected, rel=0.05, abs=0.05 * expected + slack)
     # The servo that returns changes the slip angle, and with it the speed.
     assert log.speed[-1] == pytest.approx(log.speed[-10], abs=0.1)
     assert termios.tcgetattr(session.fd) == session.before
+
     again = drive_by_hand(received, float(log.t[-1]))
     # The nodes' ticks fall elsewhere in the same 50 ms.
     assert again.speed[-1] == pytest.approx(log.speed[-1], abs=0.5 + 4.0 * lost(session.bag()))
@@ -110,6 +113,7 @@ def test_keys_steer_brake_and_reset_the_car(session: Session) -> None:
     session.type(b'\x03')
     assert session.end() == 0
     assert termios.tcgetattr(session.fd) == session.before
+
     log = bag.read(session.bag())
     again = int(np.flatnonzero(np.diff(log.x) < -1.0)[0]) + 1
     assert log.psi[again - 1] > 0.1

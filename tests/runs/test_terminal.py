@@ -94,9 +94,11 @@ def test_a_terminal_gets_a_line_in_place_and_its_cursor_back(
         assert HIDE in text
         assert LINE.strip() in text
         assert '\n' not in text
+
         shown.show(12.5, partial(cruise_line, 1.52, 12.5, 8.0, 0.0, 10.0))
         shown.close()
         text = terminal.shown()
+
     assert 'grade +10°' in text  # the last state, however soon after the one before it
     assert text.rindex(SHOW) > text.rfind(HIDE)
     assert text.replace(SHOW, '').endswith('\n')
@@ -136,6 +138,7 @@ def test_a_drive_by_hand_is_a_line_without_a_bar(terminal: Terminal) -> None:
         sys.stdout.write('user code prints [this]\n')
         printed = terminal.shown()
         shown.close()
+
     assert DRIVE_LINE.strip() in text
     assert '━' not in text
     assert 'user code prints [this]' in printed
@@ -180,6 +183,7 @@ def test_the_table_has_a_row_per_stretch_and_the_other_figures(capsys: Capture) 
         'missed deadlines 3, clock slips 2',
     )
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+
     assert ['whole', 'run', '0.9768', '8.0000'] in rows
     assert ['after', '10', 'm', '0.0207', '0.1263'] in rows
     assert ['20.1', 'to', '39.9', 'm', '-10°', '0.0100', '0.0400'] in rows

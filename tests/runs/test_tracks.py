@@ -53,6 +53,7 @@ def test_a_lap_has_the_states_of_python_to_the_last_bit_on_every_carrier(
     printed, log = drive(tmp_path, *words.split(), *factors, engine=engine)
     track = Track.named(str(tmp_path / 'circle.csv'))
     expected = lap(Stanley(k=3.0), track, speed=8.0, laps=1, dynamics='dynamic')
+
     for name in ('s', 'e_y', 'servo', 'motor', 'lap_time', 'steer_of_e_y'):
         assert log.columns()[name].tolist() == expected.columns()[name].tolist(), name
     assert (log, log.track) == (expected, replace(track, name='circle.csv'))
@@ -75,6 +76,7 @@ def test_predictive_control_drives_the_states_of_python_to_the_last_bit(
     assert log.own_terms.keys() == {'lane.solve_time', 'lane.infeasible'}
     for name in log.columns().keys() - {'lane.solve_time'}:
         assert log.columns()[name].tobytes() == expected[name].tobytes(), name
+
     messages = Contents(max((tmp_path / 'bags').iterdir())).messages()
     plans = sum(message.topic.name == '/prediction' for message in messages)
     assert plans == pytest.approx(len(log) / 5, abs=1)
@@ -86,6 +88,7 @@ def test_laps_follow_one_another_and_are_listed(tmp_path: Path) -> None:
     profile = speed_profile(Track.named('oval'), 12.0, 3.2, 2.0)
     expected = lap(LaneLQR(), 'oval', speed=profile, laps=2, road='lab')
     assert log == expected
+
     row = r'^\d +([\d.]+) s +[\d.]+ m +[\d.]+ m +\d+% at its limit$'
     times = re.findall(row, printed, re.MULTILINE)
     assert times == [f'{time:.2f}' for time in expected.lap_times]
@@ -144,6 +147,7 @@ def test_options_that_do_not_fit_the_track_are_refused_in_a_sentence(
     (tmp_path / 'wanting/lane.py').write_text(LANE.replace('k_y=0.2, k_psi=0.8', 'k'), 'utf-8')
     (tmp_path / 'open.csv').write_text('length_m,radius_m\n50,0\n', 'utf-8')
     done = call('acc', '--engine', 'local', *FAST, *words.split(), cwd=tmp_path)
+
     assert done.returncode != 0
     assert complaint in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1

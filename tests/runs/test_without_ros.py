@@ -52,10 +52,12 @@ def test_acc_drives_and_its_bag_is_read_by_the_other_commands(tmp_path: Path) ->
     done = barc(folder, 'acc', '--realtime-factor', 'max', '--distance', '40')
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[0] == 'engine     local, without ROS'
+
     (bag,) = (folder / 'bags').iterdir()
     metadata = yaml.safe_load((bag / 'metadata.yaml').read_text(encoding='utf-8'))
     information = metadata['rosbag2_bagfile_information']
     assert information['custom_data']['engine'] == 'local, without ROS'
+
     done = barc(folder, 'graph', '--bag', str(bag))
     assert done.returncode == 0, done.stderr
 
@@ -98,6 +100,7 @@ def test_a_command_that_needs_ros_is_refused_in_one_sentence_and_leaves_no_bag(
             assert f'{what} needs ROS 2: ' in error
             assert 'ros-jazzy-ros-base' in error
         assert what in error
+
     assert list(tmp_path.iterdir()) == []
 
 

@@ -54,6 +54,7 @@ def test_damaged_files_end_in_a_result_or_a_sentence(kind: str, count: int) -> N
         text=True,
         check=False,
     )
+
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1].split()[:2] == ['all', str(count)]
 

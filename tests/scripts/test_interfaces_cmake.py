@@ -48,4 +48,5 @@ def test_a_project_can_link_to_targets_that_name_folders_of_another_machine(tmp_
             check=False,
         )
         assert done.returncode == 0, done.stdout + done.stderr
+
     assert 'existing_includes.cmake' in (EXPORTS / 'barc_interfacesConfig.cmake').read_text()

@@ -102,6 +102,7 @@ def test_a_script_that_sh_starts_is_run_by_bash(
         text=True,
         check=False,
     )
+
     assert 'a C++ compiler must be installed' in sentence(process)
 
 
@@ -120,6 +121,7 @@ def test_all_that_is_missing_is_named_at_once(checkout: Path, tmp_path: Path) ->
     no_venv = f'[[ $* == *ensurepip* ]] && exit 1; exec "{sys.executable}" "$@"'
     write_script(path / 'python', f'{about}; {no_venv}')
     line = sentence(run(checkout, path, BARC_PYTHON=str(path / 'python')))
+
     assert f"a C++ compiler and Python {version}'s venv module must be installed" in line
     assert f'sudo apt install g++ python{version}-venv' in line
 
@@ -175,12 +177,14 @@ def test_where_pypi_has_no_ros_barc_is_set_up_without_it(
         f'without ROS, which PyPI has for x86-64 Linux alone, and this is {system}'
         in (first.stderr.splitlines()[0])
     )
+
     installed = (checkout / '.setup' / 'log').read_text()
     locked, own = re.findall('pip install .*', installed)
     assert '--require-hashes --no-deps' in locked
     assert locked.endswith('--requirement requirements/run.txt')
     assert '--no-index --no-deps --no-build-isolation' in own
     assert own.endswith('-e .')
+
     again = run(checkout, path, BARC_PYTHON='')
     assert (again.returncode, again.stdout, again.stderr) == (0, first.stdout, '')
 
@@ -210,6 +214,7 @@ def test_a_file_with_another_hash_is_named_and_not_installed(
     index = {'PIP_INDEX_URL': folder.parent.as_uri(), 'PIP_CONFIG_FILE': os.devnull}
     process = run(checkout, os.environ['PATH'], BARC_ROS='none', **index)
     assert process.returncode == 1
+
     line = process.stderr.splitlines()[-1]
     assert line.startswith('barc_sim: what PyPI, or its mirror, sent as mdurl==0.1.2 has another')
     assert not [*checkout.glob('.venv/**/mdurl*')]

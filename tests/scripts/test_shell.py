@@ -133,6 +133,7 @@ def test_a_terminal_has_the_environment_and_a_hint_to_the_tools_of_ros(
     session: Session, checkout: Path
 ) -> None:
     assert HINT in session.until('source a ROS 2 Jazzy first.')
+
     session.until('(barc_sim) ')
     session.type('echo "<$MINE"-"$AMENT_PREFIX_PATH"-"$ROS_AUTOMATIC_DISCOVERY_RANGE>"')
     session.until(f'<own-{checkout}/.venv-LOCALHOST>')
@@ -166,6 +167,7 @@ def test_a_command_is_run_with_ros(
     set_already = {'ROS_AUTOMATIC_DISCOVERY_RANGE': discovery} if discovery else {}
     done = run(environment | set_already, 'python', '-c', script, 'a b', '*')
     assert (done.returncode, done.stderr) == (7, '')
+
     share = f'{checkout}/.venv/share/barc_interfaces'
     assert done.stdout == f"{share} {discovery or 'LOCALHOST'} ['-c', 'a b', '*']\n"
 

@@ -34,5 +34,6 @@ def test_a_run_keeps_its_bounds_under_faults(ordeal: str) -> None:
         check=False,
     )
     sys.stderr.write(done.stderr)  # shown where it fails
+
     assert done.returncode == 0, done.stdout
     assert 'BROKEN' not in done.stdout

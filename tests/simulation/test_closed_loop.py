@@ -52,6 +52,7 @@ def test_closed_loop_is_the_lab_templates_loop(lab_run: Log) -> None:
             x, y, psi, v, a, 0.0, vehicle.air_drag_coeff, 2000.0, vehicle.friction, theta, 0.02
         )
     columns = [lab_run.x, lab_run.y, lab_run.psi, lab_run.v_x]
+
     assert np.array_equal(np.column_stack(columns), np.array(states))
     assert np.array_equal(lab_run.motor, np.array(commands))
 
@@ -119,6 +120,7 @@ def test_keywords_make_plant_and_controller() -> None:
         ts=0.01,
     )
     pid = speed_controller(10.0, 20.0, 0.5, limit=4.0)
+
     assert_same(ours, closed_loop(plant, pid, speed_reference=5.0, distance=30.0))
 
 
@@ -332,6 +334,7 @@ def test_the_log_is_that_of_the_general_loop(
         pid = make(*gains, output_min=low, output_max=high)
         log = closed_loop(plant, pid, speed_reference=reference, distance=20.0, max_duration=8.0)
         found.append([each.tobytes() for each in log.columns().values()])
+
     assert found[0] == found[1]
 
 

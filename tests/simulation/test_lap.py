@@ -55,6 +55,7 @@ def test_laps_are_flying_and_split_where_s_passes_the_line(three: TrackLog) -> N
     assert [*np.unique(three.lap)] == [0.0, 1.0, 2.0, 3.0]
     assert (three.lap == np.floor(three.s / length)).all()
     assert three.s[-1] >= 3.0 * length > three.s[-2]
+
     for k in (1, 2, 3):
         (i,) = np.flatnonzero(np.diff(three.lap) == 1.0)[k - 1 : k] + 1
         over = three.s[i] - k * length
@@ -67,12 +68,15 @@ def test_the_log_is_a_log_with_the_place_on_the_track(three: TrackLog) -> None:
     assert three.columns().keys() - Log.declared.keys() == terms | {
         *('s', 'e_y', 'e_psi', 'curvature', 'width', 'lap', 'lap_time', 'steer_saturated')
     }
+
     steering = sum(three.columns()[name] for name in sorted(terms))
     assert np.abs(steering - three.servo).max() < 1e-12
     assert not three.steer_saturated.any()
+
     half = three.map(lambda column: column[::2])
     assert (half.distance == three.s[::2]).all()
     assert (half.across == three.e_y[::2]).all()
+
     found = Track.named('L').frenet(three.x, three.y, three.psi, three.s)
     assert np.abs(found.s - three.s).max() < 1e-9
     assert np.abs(found.e_psi - three.e_psi).max() < 1e-9

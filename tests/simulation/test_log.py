@@ -51,6 +51,7 @@ def test_distance_and_speed_are_the_true_ones_behind_the_noise(log: Log, psi: fl
         **dict(zip(('x', 'y', 'psi', 'v_x', 'v_y', 'psi_dot'), measured, strict=True)),
         **dict(zip(('e_s', 'e_ey', 'e_epsi', 'e_v_x', 'e_v_y', 'e_psi_dot'), errors, strict=True)),
     )
+
     assert np.abs(noisy.x - [state.x for state in true]).max() > 1.0
     assert noisy.distance == pytest.approx(np.array([state.x for state in true]), abs=1e-12)
     assert noisy.speed == pytest.approx(np.array([state.v for state in true]), abs=1e-12)
@@ -104,6 +105,7 @@ def test_a_log_can_be_made_again_from_its_columns() -> None:
     )
     for log in logs:
         assert type(log)(**log.columns()) == log
+
     log = logs[1]
     assert log.own_terms
     again = Log(**log.columns() | {'own_terms': {'more': log.t}})

@@ -138,6 +138,7 @@ def test_stretches_are_the_runs_of_states_on_one_grade() -> None:
             theta_deg=[0.0, 0.0, 10.0, 10.0, 0.0],
         )
     )
+
     assert totals.stretches == (
         StretchErrors(start=0.0, end=1.0, theta_deg=0.0, rms_error=sqrt(0.5), max_error=1.0),
         StretchErrors(start=3.0, end=4.5, theta_deg=10.0, rms_error=sqrt(12.5), max_error=4.0),
@@ -197,8 +198,10 @@ def test_each_lap_has_the_figures_of_a_run_of_its_own() -> None:
     tuned = closed_loop()
     laps, numbers = laps_of(joined(tuned, weak, tuned))
     assert numbers == [0] * len(tuned) + [1] * len(weak) + [2] * len(tuned)
+
     facts = lap_facts(laps)
     assert facts['count'] == 3
+
     for name, log, number in (('current', tuned, 2), ('last', weak, 1), ('best', tuned, 0)):
         found = summary(log)
         assert facts[name]['number'] == number
@@ -226,14 +229,17 @@ def test_the_last_lap_can_be_the_best_once_the_run_has_ended() -> None:
     tuned = closed_loop()
     laps, _ = laps_of(joined(weak, tuned))
     assert laps.best == laps.current
+
     cut_short = tuned.map(lambda column: column[:600])
     laps, _ = laps_of(joined(weak, cut_short))
     assert laps.best == laps.finished[0]
+
     live = Laps()
     columns = (weak.t, weak.distance, weak.across, weak.speed, weak.reference, weak.theta_deg)
     for row in zip(*columns, strict=True):
         live.add(*row)
     assert live.best is None
+
     live.end()
     assert live.best is None  # of one lap
 
@@ -248,6 +254,7 @@ def test_settings_that_change_at_once_are_left_out() -> None:
     settings.add(0, 10.04, second)
     for t in (10.06, 20.0):
         settings.add(1, t, second)
+
     assert [settings.text(lap) for lap in range(3)] == ['kp 2, ki 0', 'kp 4, ki 8', '']
 
 
@@ -264,6 +271,7 @@ def test_settings_of_a_lap_are_in_their_order() -> None:
     ):
         settings.add(0, t, {'kp': kp, 'ki': 0.5})
     assert settings.text(0) == 'kp 1 → 2, ki 0.5'
+
     for t, kp in ((5.0, 3.0), (6.0, 3.0), (7.0, 4.0), (8.0, 4.0)):
         settings.add(0, t, {'kp': kp, 'ki': 0.5})
     assert settings.text(0) == 'kp 1 → … → 4, ki 0.5'
@@ -290,6 +298,7 @@ def test_gains_are_shown_and_other_parameters_where_they_were_changed() -> None:
     assert [*settings_of(found)] == ['kp', 'ki', 'noise_v_x']
     assert changes_of(found) == {'noise_v_x': 'noise_v_x 0 → 0.1'}
     assert lap_settings_of(found, [0] * n).text(0) == 'kp 2, ki 3, noise_v_x 0 → 0.1'
+
     many = {f'controller.k_{k}': np.full(n, 1.0) for k in range(5)}
     many['controller.k_1'] = np.linspace(0.0, 1.0, n)
     assert [*settings_of(replace(log, parameters=many))] == ['k_1']

@@ -88,6 +88,7 @@ def test_the_log_of_a_rollout_is_that_of_the_general_loop(
         distance=40.0,
         max_duration=STEPS * plant.ts,
     )
+
     assert columns(found) == columns(expected)
 
 
@@ -138,6 +139,7 @@ def test_the_scores_are_those_of_the_summary(options: dict[str, Any]) -> None:
                 np.sqrt(np.mean(log.motor**2)),
             ]
         )
+
     assert np.isinf(found[2]).all()  # it never arrives
 
 

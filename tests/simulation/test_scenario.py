@@ -114,6 +114,7 @@ def test_a_file_is_read_once(tmp_path: Path) -> None:
     for each in (road, wind, speed):
         each.unlink()
     again = pickle.loads(pickle.dumps(replace(scenario, seed=1)))  # noqa: S301 (our own)
+
     assert again == replace(scenario, seed=1) != scenario
     assert simulate(scenario=again) == expected  # there is no noise
 
@@ -124,6 +125,7 @@ def test_a_scenario_cannot_be_changed_and_its_text_makes_an_equal_one() -> None:
     )
     with pytest.raises(FrozenInstanceError):
         scenario.seed = 1  # type: ignore[misc]
+
     text = repr(scenario)
     assert text.startswith("Scenario(road='flat', track='L', vehicle=Vehicle(mass=1500.0,")
     assert eval(text) == scenario  # noqa: S307 (our own)

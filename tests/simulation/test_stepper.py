@@ -210,6 +210,7 @@ def test_missed_command_is_counted_and_the_last_one_holds() -> None:
     assert engine.speed == pytest.approx(0.04, rel=1e-3)
     assert engine.stepper.missed == 1
     assert engine.warnings == engine.limited == ['missed deadlines']
+
     applied = [(GO, START, False), (GO, START + PERIOD, True)]
     assert engine.applied == applied
 
@@ -234,6 +235,7 @@ def test_late_answers_and_those_from_before_a_reset_are_not_of_another_clock() -
     engine.answer()
     engine.wall += 1_234_567_891
     assert engine.stepper.reset()
+
     engine.stepper.start()
     engine.stepper.take_command(Command(1.0), first)
     engine.stepper.take_command(Command(1.0), 0)
@@ -302,12 +304,15 @@ def test_run_ends_with_the_answer_to_the_first_state_beyond_the_distance() -> No
         engine.answer(8.0)
     assert engine.stepper.phase is Phase.FINISHED
     assert engine.ends == 1
+
     xs = [seen.true.x for _, seen, _ in engine.published]
     assert xs[-2] < 0.001 <= xs[-1]
+
     engine.stepper.take_command(Command(8.0), 0)
     engine.stepper.pass_deadline()
     assert engine.stepper.single_step() == (False, 'the run has ended')
     assert engine.stepper.states == len(xs)
+
     engine.stepper.reset()
     assert (engine.stepper.phase, engine.stepper.laps) == (Phase.STARTING, 0)
 
@@ -328,13 +333,16 @@ def test_lap_begins_as_after_a_reset_and_the_last_ends_the_run(reset_first: bool
     assert (engine.stepper.phase, engine.ends) == (Phase.STARTING, 0)
     assert engine.starts == starts + 1 + reset_first
     assert engine.log[-1] == 'lap 1 is finished: the next one begins'
+
     second = len(engine.published)
     engine.stepper.start()
     while engine.stepper.phase is Phase.RUNNING:
         engine.answer(8.0)
     assert (engine.stepper.phase, engine.ends, engine.stepper.laps) == (Phase.FINISHED, 1, 2)
+
     lap, next_lap = engine.published[first:second], engine.published[second:]
     assert [(t, seen) for t, seen, _ in lap] == [(t, seen) for t, seen, _ in next_lap]
+
     stamps = [stamp for *_, stamp in engine.published]
     assert stamps == [START + k * PERIOD for k in range(len(stamps))]
 
@@ -368,6 +376,7 @@ def test_change_of_the_plant_lasts_over_a_reset() -> None:
     engine.answer(5.0)
     engine.stepper.start()
     engine.answer(5.0)
+
     assert engine.speed == pytest.approx(1.0 * PERIOD / 1e9, rel=1e-3)
 
 
@@ -380,17 +389,20 @@ def test_car_without_commands_brakes_after_the_timeout() -> None:
     engine = started(command_timeout=0.5)
     engine.deadline()
     assert not engine.warnings  # the timeout counts from the start
+
     engine.stepper.take_command(Command(4.0), 0)
     for _ in range(25):
         engine.deadline()
     top = engine.speed
     assert not engine.warnings
+
     for _ in range(200):
         engine.deadline()
     assert engine.warnings[0] == 'no command for 0.5 s'
     assert top > 1.5
     assert engine.speed == pytest.approx(0.0, abs=1e-9)
     assert engine.stepper.missed == 0
+
     engine.stepper.take_command(Command(4.0), 0)
     engine.deadline()
     assert engine.speed > 0.0
@@ -405,6 +417,7 @@ def test_time_stands_still_while_paused(factor: float) -> None:
     assert engine.stepper.pause(on=True)
     assert not engine.stepper.pause(on=True)
     assert not engine.deadlines
+
     engine.answer()
     engine.stepper.pass_deadline()
     assert engine.stepper.phase is Phase.PAUSED
@@ -434,6 +447,7 @@ def test_a_pause_leaves_stamps_behind_until_a_reset() -> None:
     engine.wall += PERIOD
     engine.deadline()
     assert engine.stepper.stamp_lag == 6.0
+
     engine.answer()
     engine.stepper.reset()
     engine.stepper.start()
@@ -451,6 +465,7 @@ def test_stamps_at_another_pace_do_not_depend_on_the_wall_clock(factor: float) -
     engine.stepper.reset()
     before = engine.stamp
     engine.stepper.start()
+
     assert engine.stamp == before + PERIOD
     assert (engine.stepper.stamp_lag, engine.warnings) == (0.0, [])
 
@@ -462,8 +477,10 @@ def test_single_step_while_paused() -> None:
     assert engine.stepper.single_step() == (True, 'state 1')
     assert engine.stepper.single_step() == (True, 'state 1 is not answered yet: the step follows')
     assert engine.stepper.states == 2
+
     engine.answer()
     assert engine.stepper.states == 3
+
     engine.answer()
     assert engine.stepper.states == 3
     assert engine.stepper.phase is Phase.PAUSED
@@ -495,6 +512,7 @@ def test_reset_of_an_answered_state_starts_again_with_later_stamps(factor: float
     assert engine.stepper.phase is Phase.STARTING
     assert engine.starts == 1
     assert not engine.deadlines
+
     engine.stepper.pause(on=False)
     engine.stepper.start()
     t, seen, stamp = engine.published[-1]
@@ -507,6 +525,7 @@ def test_reset_of_a_state_that_is_not_answered_waits(how: str) -> None:
     engine = started()
     engine.stepper.reset()
     assert engine.stepper.phase is Phase.RUNNING
+
     if how == 'answer':
         engine.answer()
     elif how == 'deadline':
@@ -522,6 +541,7 @@ def test_reset_of_a_state_that_is_not_answered_waits(how: str) -> None:
         engine.stepper.check()
     assert engine.stepper.phase is Phase.STARTING
     assert engine.stepper.states == engine.starts == 1
+
     engine.stepper.start()
 
 
@@ -563,6 +583,7 @@ def test_an_initial_pose_on_a_track_is_measured_from_the_nearest_place() -> None
     x, y, psi = track.place(12.0, 0.5, 0.1)
     engine.answer()
     assert engine.stepper.place(BicycleState(x, y, psi)) is None
+
     engine.answer()
     engine.stepper.start()
     place = engine.published[-1][1].on_track

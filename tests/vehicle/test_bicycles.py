@@ -176,6 +176,7 @@ def test_energy_changes_by_the_power_of_the_tyres_alone(
     front = 160e3 * (servo - atan2(front_y, v))
     rear = -120e3 * atan2(rear_y, v)
     across_front = front_y * cos(servo) - v * sin(servo)  # the wheel slides so, against `front`
+
     assert gain == pytest.approx(front * across_front + rear * rear_y, abs=1e-6)
     assert front * across_front <= 0.0
     assert rear * rear_y <= 0.0

@@ -73,6 +73,7 @@ def test_a_terminal_shows_a_line_while_laws_are_compiled(
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
     compiled.__wrapped__(total)(3)
     assert capsys.readouterr().err == ''
+
     monkeypatch.setattr('sys.stderr.isatty', lambda: True)
     announce.cache_clear()
     other_cache = tmp_path / 'other'
@@ -80,6 +81,7 @@ def test_a_terminal_shows_a_line_while_laws_are_compiled(
     compiled.__wrapped__(total)(3)
     assert capsys.readouterr().err == 'Compiling the laws takes some seconds, once.\n'
     assert any(other_cache.rglob('*.nbi'))
+
     compiled.__wrapped__(total)(3)
     assert capsys.readouterr().err == ''
 
@@ -95,6 +97,7 @@ def test_compiled_code_of_old_sources_is_removed(
         (folder / 'loop.nbc').touch()
     two_months_ago = time.time() - 60 * 24 * 3600.0
     os.utime(old, (two_months_ago, two_months_ago))
+
     assert compiled.__wrapped__(total)(3) == 8.0
     assert not old.exists()
     assert other.exists()

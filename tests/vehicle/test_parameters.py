@@ -46,6 +46,7 @@ def test_defaults_are_the_labs_and_the_documented_ones() -> None:
         'dynamic_above': 3.0,
     }
     off = {name: value for name, value in DEFAULTS.items() if name not in lab | ours}
+
     assert lab | ours | off == DEFAULTS
     assert set(off) == LIVE
     assert not any(off.values())

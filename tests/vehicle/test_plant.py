@@ -143,6 +143,7 @@ def test_replaced_delay_counts_from_the_next_command(before: int, after: int) ->
     for k in range(11, 21):
         plant.advance(Command(float(k)))
         acted.append(plant.acting.motor)
+
     # Where the delay grew, the command that acts now acts meanwhile.
     assert acted == [max(k - after, 10.0 - before) for k in range(11, 21)]
 
@@ -178,6 +179,7 @@ def test_error_is_measured_minus_true_in_the_true_vehicles_frame(psi: float, see
     true = TRUE._replace(psi=psi)
     measured, error = Sensor(NOISY, seed).measure(true)
     d_x, d_y = measured.x - true.x, measured.y - true.y
+
     assert error == pytest.approx(
         MeasurementError(
             s=d_x * cos(psi) + d_y * sin(psi),
@@ -228,6 +230,7 @@ def measurements(sensor: Sensor, steps: range) -> list[tuple[VehicleState, Measu
 def test_a_late_measurement_is_that_of_before(delay: float, steps: float) -> None:
     found = measurements(Sensor(delay=delay, ts=TS), range(40))
     assert found[0] == (at(0), MeasurementError())
+
     for k, (measured, error) in enumerate(found):
         if k > steps:
             share = steps % 1.0
@@ -272,6 +275,7 @@ def test_a_late_plant_measures_the_states_that_it_had() -> None:
         for plant in (late, punctual):
             plant.advance(Command(3.0, 0.1))
     late.place(BicycleState(x=50.0))
+
     assert late.observe().measured == late.observe().true
 
 
@@ -333,6 +337,7 @@ def test_velocities_are_observed_under_the_steering_that_acts_not_under_the_comm
         seen = plant.observe()
         assert seen.true == motion(plant.state, seen.acting.servo, plant.vehicle)
         told.append(seen.acting.servo)
+
     assert told == pytest.approx([0.0, 0.02, 0.04])
 
 
@@ -407,6 +412,7 @@ def test_a_force_accelerates_by_its_share_of_the_mass(options: dict[str, str]) -
         assert plant.state.v == pytest.approx(3.0)
     by_force, by_signal = plants
     assert by_force.has_fast_path
+
     assert not by_signal.has_fast_path
 
 

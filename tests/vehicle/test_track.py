@@ -52,8 +52,10 @@ def test_place_and_frenet_are_inverse_also_where_the_track_meets_itself(name: st
         for ours, expected in zip(found[:3], true[:3], strict=True):
             assert np.abs(ours - np.asarray(expected)).max() < 1e-12
     assert (each[3] == many.curvature).all()
+
     places = np.array([track.place(s, 1.0, 0.2) for s in near[:50].tolist()])
     assert np.abs(places - np.array(track.place(near[:50], 1.0, 0.2)).T).max() < 1e-12
+
     across = [track.place(30.0, e_y) for e_y in (-1.0, 2.0)]
     assert np.abs(np.array(track.place(30.0, np.array([-1.0, 2.0]))).T - across).max() < 1e-12
 
@@ -66,6 +68,7 @@ def test_without_a_place_nearby_the_nearest_part_counts(name: str) -> None:
     found = track.frenet(*poses)
     at_most = np.minimum(np.abs(true.e_y), 0.5 * track.width)
     assert (np.abs(found.e_y) <= at_most + 1e-9).all()
+
     rows = zip(*(each[:200].tolist() for each in poses), strict=True)  # type: ignore[index]
     for row, s in zip(rows, found.s.tolist(), strict=False):  # type: ignore[attr-defined]
         assert track.frenet(*row).s == pytest.approx(s, abs=1e-9)
@@ -85,6 +88,7 @@ def test_an_arc_is_a_circle_and_s_grows_over_the_finish_line() -> None:
 def test_an_open_track_continues_beyond_its_ends() -> None:
     track = Track((10.0, 5.0 * pi), (0.0, 0.1), start=Pose(1.0, 2.0, 0.5))
     assert not track.is_closed
+
     for s in (-4.0, 3.0, 12.0, 30.0):
         pose = track.place(s, 1.0, asin(0.1))
         assert track.frenet(*pose, s) == pytest.approx((s, 1.0, asin(0.1), track.curvature(s)))
@@ -111,9 +115,11 @@ def test_arcs_are_fitted_to_a_centre_line(tmp_path: Path) -> None:
     track = Track.named(str(file))
     assert track.is_closed
     assert (track.width, len(track.lengths) < 100) == (8.0, True)
+
     found = track.frenet(x, y, np.zeros(400))
     assert track.deviation == pytest.approx(np.abs(found.e_y).max(), abs=1e-6)
     assert track.deviation < 0.051
+
     speeds = np.hypot(np.diff(x, append=x[0]), np.diff(y, append=y[0]))
     assert track.length == pytest.approx(speeds.sum(), rel=1e-3)
 
@@ -186,6 +192,7 @@ def test_a_centre_line_of_f1tenth_is_read(tmp_path: Path) -> None:
     oval = Track.named('oval')
     track = centre_line(tmp_path / 'oval.csv', np.arange(0.0, oval.length - 0.5, 0.7), oval)
     assert track.length == pytest.approx(oval.length, rel=1e-3)
+
     lines = (tmp_path / 'oval.csv').read_text().splitlines()
     lines[0:1] = ['# 603fd39', '', f'#{CENTRE_LINE.replace(",", "; ")}', '# in metres']
     again = tmp_path / 'again.csv'

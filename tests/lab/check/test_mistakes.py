@@ -56,6 +56,7 @@ def test_a_mistake_is_named_where_it_changes_a_result(
     wrong = [name for name, (_, got) in cases.items() if not close(got, right[name])]
     assert wrong
     causes = law.explain(cases, wrong, close)
+
     assert {name: each.sentence for name, each in causes.items()} == dict.fromkeys(
         wrong, mistake.sentence
     )

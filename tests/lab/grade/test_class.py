@@ -67,6 +67,7 @@ def test_rosters_of_canvas_and_gradescope_are_read(tmp_path: Path) -> None:
     assert (canvas.name, canvas.section, sorted(canvas.ids)) == (
         'Li, Chen', 'Lab A', ['123457', '7', 'cli'],
     )  # fmt: skip
+
     file.write_text('First Name,Last Name,SID,Email\nChen,Li,5,chen@x.org\n', encoding='utf-8')
     assert (read_roster(file)[0].name, read_roster(file)[0].id) == ('Chen Li', '5')
 

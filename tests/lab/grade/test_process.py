@@ -153,6 +153,7 @@ def test_confined_code_cannot_read_write_connect_or_start_processes(
         folder(bike_model=f'import os\n{attempts}\n{BIKE_FE}'), ProcessLimits(memory=1 << 28)
     ) as code:
         code.rows('bikeFE', [ROW])
+
     for name, (_, reason), line in zip(
         REFUSED, REFUSED.values(), code.printed.splitlines(), strict=True
     ):

@@ -143,6 +143,7 @@ def test_a_relay_gets_its_points_and_sentence(kind: str) -> None:
     faults = [each.message for each in found.values() if not each.passed]
     assert expected.sentence in (faults or [''])[0]
     assert bool(faults) == bool(expected.sentence)
+
     rubric = load_rubric()
     worth = [rubric.points[each.criterion] for each in found.values() if each.open]
     assert sum(worth) == expected.still_open

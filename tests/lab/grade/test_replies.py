@@ -63,8 +63,10 @@ def test_a_right_reply_is_taken_and_a_strange_one_named(do: str) -> None:
     shape = RESULTS[do](*arguments)
     line = reply_of(right)
     assert len(line) < max_size(shape) < 5_000_000
+
     result, error = parsed(line, 7)
     assert (shape.checked(result), error) == (right, None)
+
     for strange in STRANGE:
         result, _ = parsed(reply_of(strange), 7)
         with pytest.raises(WrongReply, match=r'\w'):

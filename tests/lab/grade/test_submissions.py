@@ -49,6 +49,7 @@ def test_code_in_a_folder_within_is_found(tmp_path: Path, *, is_archive: bool) -
         (path / name).parent.mkdir(parents=True, exist_ok=True)
         (path / name).write_bytes(files[name])
     submission = read_submission(path)
+
     assert submission.files == {'relay.py': b'1', 'data/a.csv': b'2', 'old/relay.py': b'3'}
     assert submission.notes == ('lab/old/relay.py is not graded, because lab/relay.py is',)
 
@@ -76,6 +77,7 @@ def test_an_archive_in_a_folder_without_code_is_read(
     zipped(folder('ada') / 'lab.zip', **{'relay.py': b'1'})
     zipped(folder('bob', controller='') / 'bags.zip', **{'old/relay.py': b'1'})
     (folder('eve') / 'lab.zip').symlink_to(tmp_path / 'ada' / 'lab.zip')
+
     assert read_submission(tmp_path / 'ada').name == 'ada'
     assert read_submission(tmp_path / 'ada').files == {'relay.py': b'1'}
     assert only_the_controller(tmp_path / 'bob') == ()
@@ -333,16 +335,20 @@ def test_a_folder_that_becomes_a_link_while_it_is_read_shows_no_other_file(
     with HeldFolder(lab.parent) as held:
         members = listed(held)
         assert next(members).path == 'a.py'
+
         exchange(lab, secret)
         (member,) = members
         assert member.path == 'lab'
         assert member.fault.startswith('cannot be read: ')  # each system has its own words
+
         exchange(lab, secret)
         _, member = listed(held)
         assert (member.path, member.read(9)) == ('lab/relay.py', b'own')
+
         exchange(lab, secret)
         with pytest.raises(OSError, match=r'Not a directory|symbolic links'):
             member.read(9)
+
         exchange(lab.parent, secret)  # the folder that is held stays the same
         assert [each.path for each in listed(held)] == ['a.py', 'lab', 'lab.real/relay.py']
 
@@ -404,6 +410,7 @@ def test_a_notebook_is_named(tmp_path: Path, *, is_archive: bool) -> None:
     else:
         path.mkdir()
         (path / 'lab.ipynb').write_bytes(b'{}')
+
     assert read_submission(path).notes == (
         'lab.ipynb is a notebook, which is not graded: hand in its code as a .py file',
     )

@@ -85,6 +85,7 @@ def test_commands_over_time_are_asked_for_at_the_states_own_times(tmp_path: Path
     commands = UserCommands(code)
     options = {'road': 'flat', 'distance': 0.0, 'max_duration': 7.0, 'acceleration_limit': 0.5}
     log = simulate(controller=commands, **options)  # type: ignore[arg-type]
+
     assert log.motor.tolist() == [0.5] * 300 + [0.0] * 51
     assert log.saturated.tolist() == [1.0] * 300 + [0.0] * 51
     assert np.isnan(log.reference).all()

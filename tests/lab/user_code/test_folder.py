@@ -81,6 +81,7 @@ def test_a_package_is_imported_as_python_does(tmp_path: Path) -> None:
         **{'e/f': 'import a'},
     )
     module = own.load(own.path / 'main.py')
+
     assert (module.B, module.b.B, module.a.c.d.D, module.c.d) == (21, 21, 20, module.d)
     assert module.f.a is module.a
     assert [*sys.modules] == [name for name in sys.modules if name not in {'a', 'e', 'a.b'}]
@@ -106,6 +107,7 @@ ROS_1 = user_text('ros_1_program.py')
 def test_the_labs_files_for_ros_1_are_loaded_as_they_are(tmp_path: Path) -> None:
     own = folder(tmp_path, controller=ROS_1, bike_model='bikeFE = 1')
     module = own.load(own.path / 'controller.py')
+
     assert module.bikeFE == 1
     assert own.tolerated == [
         'controller.py imports rospy: ROS is not needed',

@@ -254,6 +254,7 @@ def test_files_of_two_folders_make_one_lab(tmp_path: Path) -> None:
     )
     both = UserCode({'model': one / 'bike_model.py', 'relay': two / 'relay.py'}).load()
     assert both.model
+
     assert both.model(*ROW) == [1.0] * 4
     assert both.new_relay()(0.0, 0.0, dt=0.0) == [2.0, 2.0]
     assert len(both.sources) == 4
@@ -270,6 +271,7 @@ def test_printed_text_goes_to_the_given_output(
     found = load_folder(folder, output=printed.append)
     assert found.model
     found.model(*ROW)
+
     assert printed == ['loaded\n', '1.0-2.0']
     assert capsys.readouterr().out == ''
 

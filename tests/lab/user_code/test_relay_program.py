@@ -64,6 +64,7 @@ def test_other_ways_to_wait_are_a_relay_too(load: Load) -> None:
     )
     unguarded = ROS_2.replace("if __name__ == '__main__':\n    main()\n", '')
     expected = judged(load(ROS_2), HELD, 4.0)
+
     for text in (executor, unguarded):
         assert judged(load(text), HELD, 4.0) == expected
     for t in (0.5, 1.9, 3.0):
@@ -125,6 +126,7 @@ def test_program_that_does_not_wait_is_ended(load: Load, monkeypatch: pytest.Mon
     driven = load(text).new_relay()
     with pytest.raises(UserCodeError, match=r'relay\.py: the relay did not wait'):
         _ = [driven(1.0, 0.0, dt=0.05) for _ in range(3)]
+
     never.set()
 
 

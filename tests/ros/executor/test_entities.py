@@ -168,6 +168,7 @@ def test_a_trigger_that_rclpys_executor_has_noted_is_not_lost(
         first.remove_node(node)
     executor.add_node(node)
     until(lambda: called)
+
     assert called == [1]
 
 
@@ -257,6 +258,7 @@ def test_a_node_moves_between_executors_that_spin(
             assert received.acquire(timeout=DEADLINE)
             assert triggered.acquire(timeout=DEADLINE)
     thread.join(DEADLINE)
+
     assert not thread.is_alive()
 
 

@@ -192,6 +192,7 @@ def test_a_signal_ends_the_spin(ros_domain: int, number: signal.Signals) -> None
         assert process.stdout.readline() == 'spinning\n'
         process.send_signal(number)
         output, errors = process.communicate(timeout=DEADLINE)
+
     assert output.endswith('ended\n')
     assert errors == ''
     assert process.returncode == 0

@@ -73,6 +73,7 @@ def test_a_destroyed_entity_is_not_executed(
     node.destroy_timer(timer)
     received.clear()
     spin_for(0.02)
+
     assert received == []
 
 
@@ -315,6 +316,7 @@ def test_a_waitable_is_executed_with_what_it_took(
     node.remove_waitable(bell)
     executor.spin_once(timeout_sec=0)
     bell.guard.destroy()
+
     assert bell.executed == [1, 2, 3]
     assert called == [bell.answer]
 
@@ -383,6 +385,7 @@ def test_an_exclusive_group_is_free_after_its_callback(
     node: Node, until: Until, context: Context
 ) -> None:
     assert context.ok()
+
     group = MutuallyExclusiveCallbackGroup()
     states: list[bool] = []
     guard = node.create_guard_condition(

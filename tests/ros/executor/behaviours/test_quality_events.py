@@ -178,6 +178,7 @@ def test_rclpy_warns_of_incompatible_quality_by_itself(
         executor.add_node(node)
     until(lambda: len(warnings) == 2)
     of_subscription, of_publisher = sorted(warnings)
+
     assert of_subscription.startswith('New publisher discovered')
     assert of_publisher.startswith('New subscription discovered')
     assert all('DURABILITY' in text for text in warnings)

@@ -221,6 +221,7 @@ def test_a_callback_is_waited_for_and_executed_by_hand(executor: Executor, node:
         assert (entity, owner) == (timer, node)
     with pytest.raises(ConditionReachedException):
         executor.wait_for_ready_callbacks(DEADLINE, None, lambda: True)
+
     timer.cancel()
     wait_until_nothing_is_ready(executor)
 

@@ -196,6 +196,7 @@ def test_done_callbacks_are_called_with_their_future(executor: Executor, until: 
     removed = Future(executor=executor)
     removed.add_done_callback(called.append)
     assert removed.remove_done_callback(called.append)
+
     removed.set_result(3)
     until(lambda: len(called) == 3)
     assert set(called) == {before, after, cancelled}
@@ -216,6 +217,7 @@ def test_done_callbacks_run_before_later_messages(
     executor.spin_until_future_complete(future, DEADLINE)
     publisher.publish(Int32(data=1))
     until(lambda: len(order) == 4)
+
     assert order == ['done', 'done', 'done', 1]
 
 
