@@ -85,17 +85,21 @@ class Bench(NodeBench):
 
 
 @pytest.fixture
-def bench(benches: Make) -> Make:
+def make_bench(benches: Make) -> Make:
     return partial(benches, Bench)
 
 
-def test_pose_lies_on_the_hill_and_is_pitched_by_it(bench: Make) -> None:
-    odom = bench().answer('odom', x=110.0, y=1.5, v_x=8.0, v_y=0.5, psi_dot=0.1)
-    there, turn = odom.pose.pose.position, odom.pose.pose.orientation
+def test_pose_lies_on_the_hill_and_is_pitched_by_it(make_bench: Make) -> None:
+    odom = make_bench().answer('odom', x=110.0, y=1.5, v_x=8.0, v_y=0.5, psi_dot=0.1)
     road = Road.lab()
-    assert (there.x, there.y, there.z) == (road.horizontal(110.0), 1.5, road.elevation(110.0))
-    assert there.x < 110.0 - 1.0
-    assert isclose(turn.y / turn.w, -tan(radians(15.0)))
+    position = odom.pose.pose.position
+    assert position.x == road.horizontal(110.0) < 110.0 - 1.0
+    assert position.y == 1.5
+    assert position.z == road.elevation(110.0)
+
+    orientation = odom.pose.pose.orientation
+    assert isclose(orientation.y / orientation.w, -tan(radians(15.0)))
+
     assert (odom.header.frame_id, odom.child_frame_id) == ('odom', 'base_link')
     assert to_nanoseconds(odom.header.stamp) == STEP
 
@@ -103,24 +107,24 @@ def test_pose_lies_on_the_hill_and_is_pitched_by_it(bench: Make) -> None:
     assert (twist.linear.x, twist.linear.y, twist.angular.z) == (8.0, 0.5, 0.1)
 
 
-def test_a_pose_that_is_sent_back_as_the_initial_one_is_the_same_state(bench: Make) -> None:
-    mirror = bench()
+def test_a_pose_that_is_sent_back_as_the_initial_one_is_the_same_state(make_bench: Make) -> None:
+    bench = make_bench()
     road = Road.lab()
     for x, psi in ((30.0, 0.4), (110.0, -2.0), (150.0, 3.0), (-5.0, 1.0)):
-        pose = mirror.answer('odom', x=x, y=-2.0, psi=psi).pose.pose
+        pose = bench.answer('odom', x=x, y=-2.0, psi=psi).pose.pose
         assert to_state_at_rest(pose, road) == pytest.approx((x, -2.0, psi, 0.0))
 
 
-def test_a_state_that_is_not_finite_is_not_mirrored(bench: Make) -> None:
-    world = bench()
-    world.send(x=nan)
-    odom = world.answer('odom', x=1.0)
-    assert [odom] == world.received['odom']
+def test_a_state_that_is_not_finite_is_not_mirrored(make_bench: Make) -> None:
+    bench = make_bench()
+    bench.send(x=nan)
+    odom = bench.answer('odom', x=1.0)
+    assert [odom] == bench.received['odom']
     assert odom.pose.pose.position.x == 1.0
 
 
-def test_car_stands_on_the_hill_with_its_cabin_upright(bench: Make) -> None:
-    body, cabin = bench().answer('markers', x=110.0, psi=0.5).markers
+def test_car_stands_on_the_hill_with_its_cabin_upright(make_bench: Make) -> None:
+    body, cabin = make_bench().answer('markers', x=110.0, psi=0.5).markers
     road = Road.lab()
     there = np.array([road.horizontal(110.0), 0.0, road.elevation(110.0)])
     # The car's axes: turned by psi in the surface, which rises by 30 degrees.
@@ -134,11 +138,11 @@ def test_car_stands_on_the_hill_with_its_cabin_upright(bench: Make) -> None:
     assert body.id != cabin.id
 
 
-def test_a_late_subscriber_receives_the_road(bench: Make) -> None:
-    world = bench()
+def test_a_late_subscriber_receives_the_road(make_bench: Make) -> None:
+    bench = make_bench()
     roads: list[MarkerArray] = []
-    world.peer.create_subscription(MarkerArray, 'road_markers', roads.append, LATCHED)
-    world.until(lambda: bool(roads))
+    bench.peer.create_subscription(MarkerArray, 'road_markers', roads.append, LATCHED)
+    bench.until(lambda: bool(roads))
     surface, line = roads[0].markers
     highest = Road.lab().elevation(120.0)
 
@@ -148,13 +152,14 @@ def test_a_late_subscriber_receives_the_road(bench: Make) -> None:
     assert [point.y for point in line.points] == [0.0] * 10
 
 
-def test_a_late_subscriber_receives_the_track_as_a_path_and_as_markers(bench: Make) -> None:
-    track, world = Track.named('oval'), bench(track='oval')
+def test_a_late_subscriber_receives_the_track_as_a_path_and_as_markers(make_bench: Make) -> None:
+    track = Track.named('oval')
+    bench = make_bench(track='oval')
     roads: list[MarkerArray] = []
     paths: list[Path] = []
-    world.peer.create_subscription(MarkerArray, 'road_markers', roads.append, LATCHED)
-    world.peer.create_subscription(Path, 'track_path', paths.append, LATCHED)
-    world.until(lambda: bool(roads and paths))
+    bench.peer.create_subscription(MarkerArray, 'road_markers', roads.append, LATCHED)
+    bench.peer.create_subscription(Path, 'track_path', paths.append, LATCHED)
+    bench.until(lambda: bool(roads and paths))
     surface, line = roads[0].markers
     assert {each.header.frame_id for each in (surface, line, paths[0])} == {'odom'}
 
@@ -165,41 +170,43 @@ def test_a_late_subscriber_receives_the_track_as_a_path_and_as_markers(bench: Ma
     assert len(poses) == len(track.samples()) == len(line.points)
 
     for k, pose in enumerate(poses[:-1]):
-        found = track.frenet(
+        place = track.frenet(
             pose.position.x, pose.position.y, 2.0 * atan2(pose.orientation.z, pose.orientation.w)
         )
-        assert found.s == pytest.approx(track.samples()[k], abs=1e-9)
-        assert max(abs(found.e_y), abs(sin(found.e_psi))) < 1e-9
-    odom = world.answer('odom', x=110.0, y=1.5)
+        assert place.s == pytest.approx(track.samples()[k], abs=1e-9)
+        assert max(abs(place.e_y), abs(sin(place.e_psi))) < 1e-9
+    odom = bench.answer('odom', x=110.0, y=1.5)
     assert (odom.pose.pose.position.x, odom.pose.pose.position.z) == (110.0, 0.0)
 
 
 def test_the_path_starts_again_after_a_reset_and_has_the_newest_poses(
-    bench: Make, monkeypatch: pytest.MonkeyPatch
+    make_bench: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr('barc_sim.nodes.mirror._MAX_POSES', 20)
-    world = bench(period=0.0, road='flat')
+    bench = make_bench(period=0.0, road='flat')
     for k in range(25):
-        path = world.answer('path', x=1.0 * k, v_x=60.0)
+        path = bench.answer('path', x=1.0 * k, v_x=60.0)
     assert [pose.pose.position.x for pose in path.poses] == [1.0 * k for k in range(5, 25)]
     assert to_nanoseconds(path.poses[-1].header.stamp) == 25 * STEP
-    path = world.answer('path', x=0.0, v_x=0.0)
+    path = bench.answer('path', x=0.0, v_x=0.0)
     assert len(path.poses) == 1
 
 
-def test_diagnostics_have_missed_deadlines_speed_of_time_and_lost_messages(bench: Make) -> None:
-    known = RunDiagnostics(missed=3, slipped=1, recorded=100, lost=0)
-    world = bench(namespace='/car2', facts=lambda: known, period=0.02)
+def test_diagnostics_have_missed_deadlines_speed_of_time_and_lost_messages(
+    make_bench: Make,
+) -> None:
+    facts = RunDiagnostics(missed=3, slipped=1, recorded=100, lost=0)
+    bench = make_bench(namespace='/car2', facts=lambda: facts, period=0.02)
     statuses: dict[str, Any] = {}
 
     def is_diagnosed() -> bool:
-        world.send()
-        for message in world.received['/diagnostics']:
+        bench.send()
+        for message in bench.received['/diagnostics']:
             statuses.update({status.name: status for status in message.status})
-        return len(world.received['/diagnostics']) > 2
+        return len(bench.received['/diagnostics']) > 2
 
-    world.until(is_diagnosed)
-    first = world.received['/diagnostics'][0].status[0]
+    bench.until(is_diagnosed)
+    first = bench.received['/diagnostics'][0].status[0]
     assert (first.level, first.name) == (b'\x01', '/car2/mirror: timing')
     timing = {entry.key: entry.value for entry in statuses['/car2/mirror: timing'].values}
     assert (timing['missed deadlines'], timing['slipped periods']) == ('3', '1')
@@ -233,5 +240,5 @@ BEHIND = 'stamps are 6.1 s behind the wall clock: reset, or use --clock'
 def test_a_diagnosis_names_each_fault_since_the_last_one(
     facts: RunDiagnostics, name: str, level: bytes, message: str
 ) -> None:
-    found = {each.name: each for each in diagnose(facts, RunDiagnostics(2, 1), 1.0)}
-    assert (found[name].level, found[name].message) == (level, message)
+    statuses = {each.name: each for each in diagnose(facts, RunDiagnostics(2, 1), 1.0)}
+    assert (statuses[name].level, statuses[name].message) == (level, message)

@@ -1,4 +1,4 @@
-"""The relay alone: what it makes of Twists, and what it refuses."""
+"""The relay alone: the commands that answer Twists, and the Twists that it refuses."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class Bench(NodeBench):
-    """A relay, and a node that sends it Twists and hears its commands."""
+    """A relay, and a node that sends it Twists and receives its commands."""
 
     def __init__(
         self, context: Context, spin_until: Callable[..., None], **parameters: float | bool | str
@@ -50,45 +50,45 @@ class Bench(NodeBench):
 
 
 @pytest.fixture
-def bench(benches: Make) -> Make:
+def make_bench(benches: Make) -> Make:
     return partial(benches, Bench)
 
 
-def test_a_relay_without_a_driver_commands_coasting_without_a_stamp(bench: Make) -> None:
-    b = bench()
-    b.until(lambda: len(b.commands) >= 5)
-    assert {(c.motor, c.servo, c.header.stamp.sec) for c in b.commands} == {(0.0, 0.0, 0)}
+def test_a_relay_without_a_driver_commands_coasting_without_a_stamp(make_bench: Make) -> None:
+    bench = make_bench()
+    bench.until(lambda: len(bench.commands) >= 5)
+    assert {(c.motor, c.servo, c.header.stamp.sec) for c in bench.commands} == {(0.0, 0.0, 0)}
 
 
-def test_a_twist_commands_its_share_of_the_limits_also_after_they_change(bench: Make) -> None:
-    b = bench(acceleration=3.0, stale_after=60.0)
-    b.send(forward=0.5)
-    b.until_motor(1.5)
-    b.relay.set_parameters([Parameter('acceleration', value=5.0)])
-    b.until_motor(2.5)
-    b.send(forward=7.0)
-    b.until_motor(5.0)
+def test_a_twist_commands_its_share_of_the_limits_also_after_they_change(make_bench: Make) -> None:
+    bench = make_bench(acceleration=3.0, stale_after=60.0)
+    bench.send(forward=0.5)
+    bench.until_motor(1.5)
+    bench.relay.set_parameters([Parameter('acceleration', value=5.0)])
+    bench.until_motor(2.5)
+    bench.send(forward=7.0)
+    bench.until_motor(5.0)
 
 
 def test_twists_that_are_not_finite_are_refused_with_one_warning_and_counted(
-    bench: Make, capfd: pytest.CaptureFixture[str]
+    make_bench: Make, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    b = bench(stale_after=60.0)
-    b.send(forward=0.5)
+    bench = make_bench(stale_after=60.0)
+    bench.send(forward=0.5)
     for value in (float('nan'), float('inf'), float('-inf')):
-        b.send(forward=value)
-        b.send(turn=value)
-        b.send(brake=value)
-    b.until(lambda: b.relay.refused.count == 9)
-    b.until_motor(2.0)
+        bench.send(forward=value)
+        bench.send(turn=value)
+        bench.send(brake=value)
+    bench.until(lambda: bench.relay.refused.count == 9)
+    bench.until_motor(2.0)
 
     assert capfd.readouterr().err.count('refused a Twist') == 1
 
 
-def test_a_reset_clears_the_request_and_straightens_the_wheel(bench: Make) -> None:
-    b = bench(stale_after=60.0)
-    b.send(forward=1.0, turn=1.0)
-    b.until_motor(4.0)
-    b.call(Trigger, 'relay/reset')
-    b.until_motor(0.0)
-    assert b.relay.driver.servo == 0.0
+def test_a_reset_clears_the_request_and_straightens_the_wheel(make_bench: Make) -> None:
+    bench = make_bench(stale_after=60.0)
+    bench.send(forward=1.0, turn=1.0)
+    bench.until_motor(4.0)
+    bench.call(Trigger, 'relay/reset')
+    bench.until_motor(0.0)
+    assert bench.relay.driver.servo == 0.0

@@ -41,7 +41,7 @@ OFTEN = 0.02  #: [s] between two checks of the peers
 
 
 class World:
-    """An executor with a simulator and whoever drives it."""
+    """An executor with a simulator, and with the nodes that drive it."""
 
     def __init__(self, context: Context, spin_until: Callable[..., None]) -> None:
         self.context = context
@@ -123,10 +123,8 @@ def stamps(messages: list[Any]) -> list[int]:
 
 @pytest.mark.parametrize('rate', [50.0, 100.0, 30.0])
 def test_states_are_stamped_a_period_apart_on_all_topics(world: World, rate: float) -> None:
-    errors, environments = (
-        world.received(EZDynBkMdl, 'ez_vhcl'),
-        world.received(Environment, 'environment'),
-    )
+    errors = world.received(EZDynBkMdl, 'ez_vhcl')
+    environments = world.received(Environment, 'environment')
     world.driver(partial(command, 1.0))
     simulator = world.simulator(realtime_factor=LOCK_STEP, rate=rate)
     world.until(lambda: len(world.states) >= 20)
@@ -162,10 +160,10 @@ def test_every_command_that_acts_is_published_and_those_that_were_missed_are_mar
 
 def test_the_place_on_the_track_arrives_before_its_state(world: World) -> None:
     places: list[TrackState] = []
-    seen: list[tuple[int, int]] = []  # stamps of the state, and of the newest place
+    pairs: list[tuple[int, int]] = []  # stamps of the state, and of the newest place
 
     def on_state(state: ZDynBkMdl) -> None:
-        seen.append((stamps([state])[0], stamps(places)[-1]))
+        pairs.append((stamps([state])[0], stamps(places)[-1]))
         commands.publish(command(1.0, state))
 
     node = world.add(Node('driver', context=world.context))
@@ -173,14 +171,17 @@ def test_the_place_on_the_track_arrives_before_its_state(world: World) -> None:
     node.create_subscription(TrackState, 'track_vhcl', places.append, qos.DEFAULT)
     node.create_subscription(ZDynBkMdl, 'z_vhcl', on_state, qos.DEFAULT)
     simulator = world.simulator(realtime_factor=LOCK_STEP, track='oval', laps=2, noise_ey=0.5)
-    world.until(lambda: len(seen) >= 150)
-    assert [state for state, _ in seen] == [place for _, place in seen]
-    true = simulator.stepper._plant.on_track  # noqa: SLF001 (what is published)
-    assert true
+
+    world.until(lambda: len(pairs) >= 150)
+    assert [state for state, _ in pairs] == [place for _, place in pairs]
+
+    true_place = simulator.stepper._plant.on_track  # noqa: SLF001 (it is published)
+    assert true_place
     last = places[-1]
-    assert {name: getattr(last, name) for name in true._fields} == true._asdict()
+    assert {name: getattr(last, name) for name in true_place._fields} == true_place._asdict()
     assert last.s > 3.0
     assert (last.e_y, last.header.frame_id) == (0.0, 'map')
+
     assert simulator.values['servo_lag'] == 0.1
     assert simulator.road.grades_deg == (0.0,)
 
@@ -216,8 +217,8 @@ def test_the_clock_has_the_stamps_of_the_states_and_is_repeated_during_a_pause(
     world.call(SetBool, 'vehicle_simulator/pause', data=False)
     world.until(lambda: times[-1] != late[0])
     world.until(lambda: len({to_nanoseconds(each.clock) for each in times}) > 20)
-    told = sorted({to_nanoseconds(each.clock) for each in times})
-    assert told[:20] == stamps(world.states)[:20]
+    published = sorted({to_nanoseconds(each.clock) for each in times})
+    assert published[:20] == stamps(world.states)[:20]
 
 
 # Who drives
@@ -231,13 +232,13 @@ def test_a_simulator_without_a_controller_waits_and_warns_once(
     simulator = world.simulator(check_period=OFTEN, namespace='car2')
     log = ''
 
-    def waited_for() -> bool:
+    def has_warned() -> bool:
         nonlocal log
         log += capfd.readouterr().err
         ticks.append(None)
         return len(ticks) > 10 and sentence in log
 
-    world.until(waited_for)
+    world.until(has_warned)
     assert simulator.stepper.states == 0
     assert log.count(sentence) == 1
 
@@ -252,10 +253,12 @@ def test_a_new_controller_receives_the_state_that_waits_for_an_answer(world: Wor
     world.driver()
     simulator = world.simulator(check_period=OFTEN, realtime_factor=LOCK_STEP)
     world.until(lambda: simulator.stepper.states == 1)
+
     world.driver(partial(command, 1.0))
     world.until(lambda: simulator.stepper.states > 3)
-    waited = stamps(world.states)[0]
-    world.until(lambda: stamps(world.states).count(waited) >= 2)
+
+    first_stamp = stamps(world.states)[0]
+    world.until(lambda: stamps(world.states).count(first_stamp) >= 2)
     assert simulator.stepper.missed == 0
 
 
@@ -263,20 +266,19 @@ def test_a_new_controller_receives_the_state_that_waits_for_an_answer(world: Wor
 
 
 def test_noise_and_actuators_can_be_changed_while_the_car_drives(world: World) -> None:
-    seen: list[Any] = []
+    observations: list[Any] = []
     simulator = world.simulator(
-        realtime_factor=LOCK_STEP, on_step=lambda _, observed: seen.append(observed)
+        realtime_factor=LOCK_STEP, on_step=lambda _, observation: observations.append(observation)
     )
     world.driver(partial(command, 1.0))
-    world.until(lambda: len(seen) > 5)
-    assert not any(seen[3].error)
+    world.until(lambda: len(observations) > 5)
+    assert not any(observations[3].error)
 
     (result,) = simulator.set_parameters([Parameter('noise_v_x', value=0.5)])
     assert result.successful
-
-    after = len(seen)
-    world.until(lambda: len(seen) > after + 2)
-    assert seen[after + 1].error.v_x != 0.0
+    count = len(observations)
+    world.until(lambda: len(observations) > count + 2)
+    assert observations[count + 1].error.v_x != 0.0
 
     (refused,) = simulator.set_parameters([Parameter('noise_v_x', value=-1.0)])
     assert not refused.successful
@@ -292,8 +294,8 @@ def test_second_simulator_of_a_topic_is_refused_until_the_first_is_gone(world: W
 
 
 def test_another_publisher_of_states_is_refused_before_the_first_state(world: World) -> None:
-    foreign = world.add(Node('other', context=world.context))
-    foreign.create_publisher(ZDynBkMdl, 'z_vhcl', qos.DEFAULT)
+    other = world.add(Node('other', context=world.context))
+    other.create_publisher(ZDynBkMdl, 'z_vhcl', qos.DEFAULT)
     simulator = world.simulator(wait_for_controller=False)
     with pytest.raises(UserError, match='another simulator publishes /z_vhcl'):
         world.until(simulator.finished.done)
@@ -403,9 +405,9 @@ def test_a_reset_continues_where_the_controller_does_not_answer(
     world: World, capfd: Capture
 ) -> None:
     world.driver(partial(command, 1.0))
-    deaf = Node('controller', context=world.context)  # not spun
-    deaf.create_service(Trigger, '~/reset', lambda _, response: response)
-    world.nodes.append(deaf)
+    silent = Node('controller', context=world.context)  # not spun
+    silent.create_service(Trigger, '~/reset', lambda _, response: response)
+    world.nodes.append(silent)
     simulator = world.simulator(realtime_factor=LOCK_STEP)
     world.until(lambda: len(world.states) >= 5)
     capfd.readouterr()  # it has not answered before the first state, either
