@@ -100,10 +100,12 @@ def test_every_submission_has_a_report(graded: Graded) -> None:
             'report.html',
             'by_hand.yaml',
         }
+
     rows = [*csv.DictReader(io.StringIO((out / 'class.csv').read_text()))]
     assert {row['name']: float(row['score']) for row in rows} == {
         name: results(out, name)['score'] for name in names
     }
+
     remarks = {row['name']: row['remark'] for row in rows}
     assert 'a single .rar file cannot be graded' in remarks['eve.rar']
 

@@ -262,6 +262,7 @@ def test_graph_of_a_drive_by_hand_live_and_from_its_bag(tmp_path: Path) -> None:
         run.send_signal(signal.SIGTERM)
         run.communicate(timeout=200)
     assert live.returncode == 0, live.stderr
+
     (path,) = (tmp_path / 'bags').iterdir()
     for name in (['--bag', str(path)], [str(path)]):
         recorded = call('graph', *name, cwd=tmp_path)

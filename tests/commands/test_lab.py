@@ -51,6 +51,7 @@ def test_everything_is_in_the_zip(lab: Path) -> None:
     done = barc('submit', 'lab')
 
     assert (done.returncode, done.stderr) == (0, '')
+
     with zipfile.ZipFile('lab.zip') as archive:
         names = archive.namelist()
         summary = archive.read('summary.txt').decode()

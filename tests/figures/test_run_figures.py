@@ -126,10 +126,12 @@ def test_the_best_lap_and_the_last_are_in_colour_before_the_others() -> None:
     speed, error, _, command, below = figure.axes
     drawn = {line.get_label(): line for line in speed.lines}
     assert [*drawn] == ['other laps', 'lap 4, last', 'lap 2, best', 'reference']
+
     colors = [drawn[name].get_color() for name in [*drawn][:3]]
     assert len({*colors}) == 3
     assert [line.get_color() for line in command.lines] == colors
     assert [line.get_color() for line in error.lines][:3] == colors
+
     # Each is a lap alone; nothing joins two of the others.
     alone = simulate(kp=20.0, ki=0.0, kd=0.0, distance=30.0)
     assert np.array_equal(drawn['lap 2, best'].get_xydata()[:, 1], alone.speed)

@@ -74,6 +74,7 @@ def test_from_the_templates_to_the_grade(tmp_path: Path, monkeypatch: pytest.Mon
     (lab / 'controller.py').write_text(CONTROLLER)
     unchosen = barc('check', 'my_lab')
     assert (unchosen.returncode, 'chooses no gains' in unchosen.stdout) == (1, True)
+
     (lab / 'controller.py').write_text(CONTROLLER + CALL)
     assert '8 of 8 criteria are met in full: 100 of 100 points' in done('check', 'my_lab')
     assert 'kp 10, ki 20, kd 0.1 (controller.py, line 15), without a limit' in done(
@@ -106,10 +107,12 @@ def test_from_the_templates_to_the_grade(tmp_path: Path, monkeypatch: pytest.Mon
     (tmp_path / 'my_lab.zip').rename(tmp_path / 'class' / 'ada.zip')
     (tmp_path / 'class' / 'bob').mkdir()
     assert '100.00' not in done('grade', 'class', '--jobs', '2')
+
     rows = csv.DictReader(io.StringIO((tmp_path / 'grades' / 'class.csv').read_text()))
     ada, bob = rows
     assert (ada['name'], ada['score'], ada['remark']) == ('ada.zip', '120.0', '')
     assert (bob['score'], bob['remark'].endswith('there is no controller.py')) == ('0.0', True)
+
     results = json.loads((tmp_path / 'grades' / 'ada.zip' / 'results.json').read_text())
     assert 'gains: kp 10, ki 20, kd 0.1 (controller.py, line 15)' in results['output']
 

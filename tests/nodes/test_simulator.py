@@ -321,6 +321,7 @@ def test_a_reset_resets_the_controller_once_and_waits_for_its_answer(world: Worl
     world.until(lambda: bool(calls))
     world.until(lambda: simulator.stepper.states > calls[0] + 5)
     world.until(lambda: len(world.states) == simulator.stepper.states)
+
     assert len(calls) == 1
     assert world.states[calls[0]].x == 0.0
     assert world.states[calls[0] - 1].x > 0.0

@@ -86,6 +86,7 @@ def test_a_node_has_the_name_the_topics_and_the_services_of_the_table(
     description = NODES[name]
     assert published.keys() - of_every_node == {*description.publishes} - OPTIONAL
     assert subscribed.keys() - of_every_node == {*description.subscribes}
+
     own_services = {service for service in served if service in SERVICE_TYPES}
     assert own_services == {*description.serves}
     for topic, kind in (published | subscribed).items():

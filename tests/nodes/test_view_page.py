@@ -403,6 +403,7 @@ def test_slider_number_and_node_agree_whichever_of_them_sets_the_value(
     controller.set_parameters(overrides(speed_reference=9.5))
     tab.until("document.querySelector('#speed_reference-slider').valueAsNumber === 9.5")
     assert tab.run("document.querySelector('#speed_reference').value") == '77'
+
     tab.run("document.querySelector('#speed_reference').blur()")
     agree(77.0)
     tab.enter('#speed_reference', '8')
@@ -542,6 +543,7 @@ def test_presets_set_all_gains_and_the_integral_is_reset(acc: Acc, open_: Open) 
     tab.until("document.querySelector('#kp').value === '30'")
     names = "Array.from(document.querySelectorAll('#presets button'), (b) => b.textContent)"
     assert tab.run(names) == [*PID.presets, 'Noise', 'Delay', 'Windup']
+
     tab.click('#presets button:nth-child(2)')
     wait_until(lambda: tab.number('#term-integral') > 0.1)
     tab.click('#presets button')
@@ -659,6 +661,7 @@ def test_an_earlier_state_is_shown_beside_the_laps_of_its_time(acc: Acc, open_: 
     gains = tab.text('#lap-gains')
     assert 'kp 20, ' in gains.partition('this lap: ')[2]
     assert 'kp 10, ' not in gains.partition('this lap: ')[2]
+
     tab.click('#play')  # back to live
     wait_until(lambda: tab.run(cells)[0] == rms(third))
 
@@ -770,13 +773,17 @@ def test_axe_finds_no_violation_of_accessibility(either: ViewNode, open_: Open) 
         return kinds
 
     assert found() == []
+
     tab.resize(360, 760, touch=True)
     assert found() == []
+
     either.page.end('The run has ended.', bag='bags/run 1')
     tab.until("!document.querySelector('#end-card').hidden")
     assert found() == []
+
     tab.media(forced_colors='active')
     assert tab.violations(AXE) == []
+
     tab.resize(1440, 900)
     assert tab.overflow() == []
 

@@ -179,9 +179,11 @@ def test_an_initial_pose_is_in_the_bag_and_the_run_from_there_can_be_repeated(
 
     (message,) = messages(path)['/initialpose']
     assert (message.pose.pose.position.x, message.pose.pose.position.y) == (-40.0, 3.0)
+
     log = bag.read(path)
     first = int(np.argmax(log.x == -40.0))
     assert np.all(np.diff(log.t) > 0.0)
+
     plant = Plant(road=Road.flat())
     plant.place(BicycleState(-40.0, 3.0))
     again = closed_loop(plant, distance=-30.0)

@@ -70,6 +70,7 @@ def test_the_bag_of_a_killed_run_has_all_states_that_were_written(
     mcap_doctor.check(file)
     kept = states(file)
     assert sorted(kept) == list(range(1, len(kept) + 1))
+
     for data, published, received, number, _ in seen:
         if received < killed - MOST_LOST if SOAK else number <= latest:
             assert number in kept

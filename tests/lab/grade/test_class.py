@@ -162,6 +162,7 @@ def test_grading_again_keeps_the_points_by_hand(
         ['Chen, Li', '', '123457', '', 'A', '', ''],  # handed in twice: a person chooses one
     ]
     assert ['Ada Byron', '', '123460', '', 'B', '', ''] in canvas
+
     page = (out / 'class.html').read_text(encoding='utf-8')
     assert f'href="{AGAIN}/report.html"' in page
     assert str(out / 'class.html') in capsys.readouterr().out

@@ -46,6 +46,7 @@ def test_gradescopes_results_have_each_criterion() -> None:
 
     assert content['score'] == 8.25
     assert content['stdout_visibility'] == 'hidden'
+
     first, second = content['tests']
     assert first == {
         'name': 'Model: position x',

@@ -381,6 +381,7 @@ def test_folders_that_are_exchanged_all_the_time_show_no_other_file(
     finally:
         over.set()
         thread.join()
+
     assert {*found} <= {b'own', None}
     assert b'own' in found
 

@@ -115,6 +115,7 @@ def test_lost_messages_are_reported_once(node: Node, executor: QuickExecutor, un
     until(done.done)
     executor.spin_once(timeout_sec=0)
     assert lost == [2, 3]
+
     node.remove_waitable(event)
 
 
@@ -147,6 +148,7 @@ def test_an_event_that_waits_is_reported_by_the_next_executor(
         other.spin_once(timeout_sec=0)
         other.remove_node(node)
     assert [(event.total_count, event.total_count_change) for event in events] == [(1, 1)]
+
     executor.add_node(node)
     done = executor.create_task(lambda: 1)
     until(done.done)
@@ -446,6 +448,7 @@ def test_timers_follow_simulated_time_forwards_and_back(
     until(lambda: len(times) > 1)
     set_time(2000)
     assert times == [1001, 2000], 'once, however many periods have passed'
+
     set_time(10)
     set_time(12)
     until(lambda: times[-1] == 12)

@@ -260,12 +260,14 @@ def test_a_spin_ends_in_time_while_all_threads_are_in_callbacks(
         ).trigger()
     executor.spin_until_future_complete(Future(), 0.2)
     assert len(begun) == 4
+
     future = Future()
     threading.Thread(target=future.set_result, args=(1,)).start()
     executor.spin_until_future_complete(future)
     for _ in range(5):
         executor.spin_once(timeout_sec=0.01)
     assert not release.is_set()
+
     release.set()
 
 

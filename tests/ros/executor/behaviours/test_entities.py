@@ -55,6 +55,7 @@ def test_a_subscription_receives_information_or_raw_data(node: Node, until: Unti
     until(lambda: publisher.get_subscription_count() == 2)
     publisher.publish(Int32(data=7))
     until(lambda: len(received) == 2)
+
     assert received['info'][0] == 7
     assert received['info'][1] > 0
     assert isinstance(received['raw'], bytes)

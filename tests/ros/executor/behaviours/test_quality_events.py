@@ -116,6 +116,7 @@ def test_each_kind_of_event_is_reported(
         for name in changes:
             if kind != 'subscription liveliness' and 'deadline' not in kind:  # may be several
                 assert getattr(event, name) == changes[name], kind
+
     assert isinstance(made[0].events['publisher matched'][0], MatchedInfo)
 
 
@@ -152,6 +153,7 @@ def test_an_event_is_reported_once(
     until(lambda: len(counts) == 3)
     spin_for(0.02)
     assert counts == [('publisher', 1, 1), ('publisher', 2, 2), ('publisher', 2, 1)]
+
     del first
 
 

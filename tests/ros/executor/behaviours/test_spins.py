@@ -265,6 +265,7 @@ def test_waits_by_hand_and_spins_follow_one_another(
         until(lambda number=number: len(received) == number + 1)
         guard.trigger()
         until(lambda number=number: len(received) == number + 2)
+
     assert received == [1, 2, 0, 4, 5, 0, 7, 8, 0]
 
 

@@ -270,6 +270,7 @@ def test_a_callback_can_be_a_coroutine(
         answer = client.call_async(Trigger.Request())
     until(lambda: order)
     assert order == ['begun']
+
     future.set_result('ended')
     until(lambda: len(order) == 2 and (answer is None or answer.done()))
     assert order == ['begun', 'ended']
@@ -295,6 +296,7 @@ def test_a_waiting_coroutine_keeps_its_exclusive_group(
     node.create_timer(0.001, lambda: ticks.append(1), callback_group=ReentrantCallbackGroup())
     until(lambda: len(ticks) > 3)
     assert order == ['begin']
+
     future.set_result(None)
     until(lambda: len(order) == 3)
     assert order == ['begin', 'end', 'other']
