@@ -34,24 +34,28 @@ properties = settings(deadline=None, derandomize=True)
 
 
 def drive(
-    state: BicycleState, held: Command, vehicle: Vehicle, steps: int, theta: float = 0.0
+    state: BicycleState, command: Command, vehicle: Vehicle, steps: int, theta: float = 0.0
 ) -> BicycleState:
     bicycle = bicycle_of('kinematic', 'rk4', vehicle)
     hill = Inclines((0.0,), (theta,))
     for _ in range(steps):
-        state, _ = bicycle_step(bicycle, state, Slip(), held, hill, 0, LAB_TS)
+        state, _ = bicycle_step(bicycle, state, Slip(), command, hill, 0, LAB_TS)
     return state
 
 
 def test_rk4_rolls_downhill_against_drag_as_the_closed_form_has_it() -> None:
     vehicle = Vehicle(mass=1000.0, air_drag_coeff=20.0, friction=50.0)
     pull = 1000.0 * 9.8 * sin(radians(10.0)) - 50.0
-    terminal, rate = sqrt(pull / 20.0), sqrt(pull * 20.0) / 1000.0
-    phase = atanh(3.0 / terminal)
+    terminal_speed = sqrt(pull / 20.0)
+    rate = sqrt(pull * 20.0) / 1000.0
+    phase = atanh(3.0 / terminal_speed)
+    speed = terminal_speed * tanh(phase + rate * 4.0)
+    distance = terminal_speed / rate * log(cosh(phase + rate * 4.0) / cosh(phase))
+
     state = drive(BicycleState(v=3.0), Command(), vehicle, 200, radians(-10.0))
-    assert state.v == pytest.approx(terminal * tanh(phase + rate * 4.0), rel=1e-10)
-    way = terminal / rate * log(cosh(phase + rate * 4.0) / cosh(phase))
-    assert state.x == pytest.approx(way, rel=1e-10)
+
+    assert state.v == pytest.approx(speed, rel=1e-10)
+    assert state.x == pytest.approx(distance, rel=1e-10)
 
 
 @pytest.mark.parametrize(
@@ -75,20 +79,21 @@ def test_rk4_reads_the_incline_along_the_step_unless_it_is_held(
 @given(v=st.floats(-1.0, 1.0), friction=st.floats(0.0, 1e6), a0=st.floats(0.0, 1e3))
 def test_rk4_resistance_alone_never_reverses_the_car(v: float, friction: float, a0: float) -> None:
     vehicle = Vehicle(mass=2000.0, air_drag_coeff=a0, friction=friction)
-    found = drive(BicycleState(v=v), Command(), vehicle, 1).v
-    assert 0.0 <= found <= v or v <= found <= 0.0
+    speed = drive(BicycleState(v=v), Command(), vehicle, 1).v
+    assert 0.0 <= speed <= v or v <= speed <= 0.0
 
 
 # The integrators
 
 
-def turned(name: str, steps: int) -> float:
+def error_on_circle(name: str, steps: int) -> float:
     """Return the error of a position on a circle, after 2 s."""
     bicycle = bicycle_of('kinematic', name, FREE)
     state = BicycleState(v=8.0)
-    held = Command(0.0, 0.2)
+    command = Command(0.0, 0.2)
     for _ in range(steps):
-        state, _ = bicycle_step(bicycle, state, Slip(), held, LEVEL, 0, 2.0 / steps)
+        state, _ = bicycle_step(bicycle, state, Slip(), command, LEVEL, 0, 2.0 / steps)
+
     begin = motion(BicycleState(v=8.0), 0.2, FREE)
     beta = atan2(begin.v_y, begin.v_x)
     radius = 8.0 / begin.psi_dot
@@ -100,8 +105,8 @@ def turned(name: str, steps: int) -> float:
 
 @pytest.mark.parametrize(('name', 'order', 'steps'), [('euler', 1, 256), ('rk4', 4, 16)])
 def test_error_falls_with_the_order(name: str, order: int, steps: int) -> None:
-    found = log2(turned(name, steps) / turned(name, 2 * steps))
-    assert found == pytest.approx(order, abs=0.02)
+    order_of_error = log2(error_on_circle(name, steps) / error_on_circle(name, 2 * steps))
+    assert order_of_error == pytest.approx(order, abs=0.02)
 
 
 # The dynamic bicycle
@@ -130,14 +135,14 @@ def at_speed(bicycle: Bicycle, v: float, servo: float, t: float) -> VehicleState
     return bicycle_motion(bicycle, state, slip, servo)
 
 
-def driven(
-    bicycle: Bicycle, state: BicycleState, held: Command, steps: int, ts: float = TS
+def drive_on_the_flat(
+    bicycle: Bicycle, state: BicycleState, command: Command, duration: float
 ) -> Iterator[tuple[BicycleState, VehicleState]]:
-    """Yield state and motion after each step on the flat."""
+    """Yield state and motion after each step on the flat, for `duration` [s]."""
     slip = Slip()
-    for _ in range(steps):
-        state, slip = bicycle_step(bicycle, state, slip, held, LEVEL, 0, ts)
-        yield state, bicycle_motion(bicycle, state, slip, held.servo)
+    for _ in range(round(duration / TS)):
+        state, slip = bicycle_step(bicycle, state, slip, command, LEVEL, 0, TS)
+        yield state, bicycle_motion(bicycle, state, slip, command.servo)
 
 
 # Closed forms
@@ -150,9 +155,9 @@ def test_steady_state_has_the_gains_of_the_closed_form(
     integrator: str, vehicle: Vehicle, lateral: LateralParameters, v: float
 ) -> None:
     bicycle = bicycle_of('dynamic', integrator, vehicle, lateral)
-    seen = at_speed(bicycle, v, SMALL, 6.0)
+    velocities = at_speed(bicycle, v, SMALL, 6.0)
     gain = v / (vehicle.l_f + vehicle.l_r + understeer_gradient(vehicle, lateral) * v**2)
-    assert seen.psi_dot == pytest.approx(gain * SMALL, rel=1e-5)
+    assert velocities.psi_dot == pytest.approx(gain * SMALL, rel=1e-5)
 
 
 # Physics
@@ -200,12 +205,12 @@ def test_grade_resistance_and_command_act_along_the_car() -> None:
 )
 def test_car_that_spins_stays_finite(integrator: str, commands: list[tuple[float, float]]) -> None:
     bicycle = bicycle_of('dynamic', integrator, Vehicle(), OVERSTEERING)
-    state, slip = BicycleState(v=30.0), Slip()
-    for command in commands:
+    state = BicycleState(v=30.0)
+    slip = Slip()
+    for motor, servo in commands:
         for _ in range(25):
-            held = Command(*command)
-            state, slip = bicycle_step(bicycle, state, slip, held, LEVEL, 0, 0.02)
-            assert all(map(isfinite, bicycle_motion(bicycle, state, slip, held.servo)))
+            state, slip = bicycle_step(bicycle, state, slip, Command(motor, servo), LEVEL, 0, 0.02)
+            assert all(map(isfinite, bicycle_motion(bicycle, state, slip, servo)))
 
 
 # Low speed
@@ -214,26 +219,37 @@ def test_car_that_spins_stays_finite(integrator: str, commands: list[tuple[float
 @pytest.mark.parametrize('integrator', ['euler', 'rk4'])
 @pytest.mark.parametrize('v', [-8.0, -1.0, 0.0, 2.0])
 def test_slow_or_reversing_car_is_the_kinematic_one(integrator: str, v: float) -> None:
-    begin, held = BicycleState(1.0, 2.0, 0.3, v), Command(-0.5, 0.3)
-    dynamic, kinematic = (
-        next(driven(bicycle_of(dynamics, integrator, ODD), begin, held, 1))
-        for dynamics in ('dynamic', 'kinematic')
-    )
-    assert dynamic == kinematic
-    assert dynamic[1] == motion(dynamic[0], 0.3, ODD)
+    start = BicycleState(1.0, 2.0, 0.3, v)
+    command = Command(-0.5, 0.3)
+    dynamic = bicycle_of('dynamic', integrator, ODD)
+    kinematic = bicycle_of('kinematic', integrator, ODD)
+
+    (step,) = drive_on_the_flat(dynamic, start, command, duration=TS)
+
+    assert [step] == [*drive_on_the_flat(kinematic, start, command, duration=TS)]
+    state, velocities = step
+    assert velocities == motion(state, command.servo, ODD)
 
 
 def test_car_that_speeds_up_changes_to_tyres_without_a_jump() -> None:
     bicycle = bicycle_of('dynamic', 'rk4', CAR)
-    seen = [found[3:] for _, found in driven(bicycle, BicycleState(v=2.9), Command(1.0, 0.1), 200)]
-    assert seen[0][0] < 3.0 < seen[-1][0]
-    jumps = [max(abs(b - a) for a, b in zip(*pair, strict=True)) for pair in pairwise(seen)]
-    assert max(jumps) < 0.02
+    steps = drive_on_the_flat(bicycle, BicycleState(v=2.9), Command(1.0, 0.1), duration=1.0)
+    velocities = [velocity for _, velocity in steps]
+    assert velocities[0].v_x < 3.0 < velocities[-1].v_x
+
+    for before, after in pairwise(velocities):
+        assert abs(after.v_x - before.v_x) < 0.02
+        assert abs(after.v_y - before.v_y) < 0.02
+        assert abs(after.psi_dot - before.psi_dot) < 0.02
 
 
 def test_car_that_slows_down_ends_at_rest() -> None:
     bicycle = bicycle_of('dynamic', 'euler', Vehicle(friction=4000.0))
-    for state, found in driven(bicycle, BicycleState(v=12.0), Command(0.0, 0.1), 3000):  # noqa: B007
-        assert state.v >= 0.0
+    steps = [*drive_on_the_flat(bicycle, BicycleState(v=12.0), Command(0.0, 0.1), duration=15.0)]
+    assert all(state.v >= 0.0 for state, _ in steps)
+
+    state, velocities = steps[-1]
     assert state.v == 0.0
-    assert found[3:] == (0.0, 0.0, 0.0)
+    assert velocities.v_x == 0.0
+    assert velocities.v_y == 0.0
+    assert velocities.psi_dot == 0.0

@@ -111,13 +111,14 @@ def test_motion_is_the_rate_of_change_seen_from_the_vehicle(
     psi: float, v: float, d_f: float
 ) -> None:
     state = BicycleState(1.0, 2.0, psi, v)
-    seen = motion(state, d_f, ODD_VEHICLE)
+    velocities = motion(state, d_f, ODD_VEHICLE)
     after = step(state, Command(0.0, d_f), 0.0, ODD_VEHICLE, 1.0)
     d_x, d_y = after.x - state.x, after.y - state.y
-    assert seen[:3] == state[:3]
-    assert seen.v_x == pytest.approx(d_x * cos(psi) + d_y * sin(psi), abs=1e-9)
-    assert seen.v_y == pytest.approx(-d_x * sin(psi) + d_y * cos(psi), abs=1e-9)
-    assert seen.psi_dot == pytest.approx(after.psi - psi, abs=1e-9)
+
+    assert (velocities.x, velocities.y, velocities.psi) == (state.x, state.y, state.psi)
+    assert velocities.v_x == pytest.approx(d_x * cos(psi) + d_y * sin(psi), abs=1e-9)
+    assert velocities.v_y == pytest.approx(-d_x * sin(psi) + d_y * cos(psi), abs=1e-9)
+    assert velocities.psi_dot == pytest.approx(after.psi - psi, abs=1e-9)
 
 
 @properties
