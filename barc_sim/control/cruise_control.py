@@ -124,7 +124,9 @@ class CruiseControl:
 
     The speed to hold is the parameter `speed_reference`, a number that `hold_speed` sets. If the
     parameter `reference` names a file, or a track has a speed profile, the speed to hold is a
-    function of time and position instead. The method `reference` returns its present value.
+    function of time and position instead. A number that is set later replaces the file, as the
+    user or an outer loop then decides; on a track it is the maximum of a new profile. The method
+    `reference` returns the present value.
 
     Attributes
     ----------
@@ -203,8 +205,10 @@ class CruiseControl:
         return table
 
     def configure(self, values: Mapping[str, Any]) -> None:
-        """Set parameters."""
-        if 'speed_reference' in values:
+        """Set parameters: all of them at first, then those that change."""
+        if SPEED.name in values:
+            # Only the first call can have a file: `reference` is fixed for a run. So a later
+            # `speed_reference` replaces the file.
             file = values.get('reference')
             self._has_file = bool(file)
             self._reference = reference_of(file) if file else None

@@ -300,9 +300,8 @@ _FLAGS = {'missed', 'saturated', 'steer_saturated'}
 
 def columns_of(topic: str) -> dict[str, str]:
     """Return the columns that a topic's messages hold: names by field."""
-    # The columns of the command are declared for APPLIED_COMMAND, the simulator's record. A bag
-    # without that record has the commands of the controller only, on ECU: they fill the same
-    # columns.
+    # The command is declared once, for APPLIED_COMMAND. A bag of a simulator that does not publish
+    # this topic has the controller's commands alone: they fill the same two columns.
     if topic == ECU:
         return {'motor': 'motor', 'servo': 'servo'}
     columns = TrackLog.declared.items()
@@ -335,7 +334,8 @@ def log_of(
         't': np.arange(n) * period_ns / 1e9,
         **columns_from(STATE, measured),
         **columns_from(STATE_ERROR, error),
-        **columns_from(ECU, command),
+        'motor': command.motor,
+        'servo': command.servo,
         'missed': np.zeros(n),
         **columns_from(ENVIRONMENT, around),
     }

@@ -49,7 +49,9 @@ class StraightRun(NamedTuple):
     motor: Actuator
     is_ideal: bool  #: a command acts at once
     early: float  #: share of a step for which the older of two commands acts
-    waiting: Column  #: [m/s²] commands before the run that have not acted, the oldest first
+    #: [m/s²] The commands before the run that have not acted, the oldest first: one more than the
+    #: delay has whole steps.
+    waiting: Column
     start: BicycleState
     motor_value: float  #: [m/s²] of the motor at the start
     reference: float  #: [m/s] speed to hold
@@ -68,7 +70,8 @@ class Trace(NamedTuple):
     v: Column  #: [m/s]
     speed: Column  #: [m/s] as a log with noise has it: measured minus error
     reference: Column  #: [m/s]
-    commands: Column  #: [m/s²] those that wait at the start, then those of the states
+    #: [m/s²] A queue: the commands that wait at the start, then those of the states.
+    commands: Column
     proportional: Column  #: [m/s²]
     integral: Column  #: [m/s²] after the command
     derivative: Column  #: [m/s²]
@@ -142,45 +145,43 @@ def drive(run: StraightRun, gains: PidGains, memory: PidMemory, trace: Trace) ->
     motor_value = run.motor_value
     dt = FIRST_DT
     stretch = 0
-    commands = trace.commands
-    wait = len(run.waiting)
-    for k in range(wait):
-        commands[k] = run.waiting[k]
+    queue = trace.commands
+    newest = 0  # where the next command joins the queue
+    for command in run.waiting:
+        queue[newest] = command
+        newest += 1
     is_noisy = len(run.errors) > 0
     reference = run.reference
     room = len(trace.v)
 
-    count = 0
-    while True:
+    for k in range(room):
         measured = state.v
         if is_noisy:
-            error = run.errors[count]
+            error = run.errors[k]
             measured += error
-            trace.speed[count] = measured - error
+            trace.speed[k] = measured - error
         memory, terms = pid(memory, gains, reference, measured, dt)
         dt = run.dt
 
-        trace.x[count] = state.x
-        trace.y[count] = state.y
-        trace.psi[count] = state.psi
-        trace.v[count] = state.v
-        trace.reference[count] = reference
-        commands[wait + count] = terms.output
-        trace.proportional[count] = terms.proportional
-        trace.integral[count] = memory.integral
-        trace.derivative[count] = terms.derivative
-        trace.saturated[count] = terms.saturated
-        count += 1
-        if state.x >= run.distance or count == room:
-            return count
+        trace.x[k] = state.x
+        trace.y[k] = state.y
+        trace.psi[k] = state.psi
+        trace.v[k] = state.v
+        trace.reference[k] = reference
+        trace.proportional[k] = terms.proportional
+        trace.integral[k] = memory.integral
+        trace.derivative[k] = terms.derivative
+        trace.saturated[k] = terms.saturated
+        queue[newest] = terms.output
+        newest += 1
+        if state.x >= run.distance:
+            return k + 1
 
         mean_motor = terms.output
         if not run.is_ideal:
-            # With a delay of w whole steps, w + 1 commands wait at the start: the command of
-            # state k is at k + w + 1. The step from state k = count - 1 takes that of k - w, which
-            # is at k + 1 = count, and in its early part the one before.
-            older = commands[count - 1]
-            newer = commands[count]
+            # Each step takes the two oldest commands of the queue.
+            older = queue[k]
+            newer = queue[k + 1]
             motor_value, mean_motor = actuate(
                 run.motor, motor_value, older, newer, run.early, run.ts
             )
@@ -192,18 +193,18 @@ def drive(run: StraightRun, gains: PidGains, memory: PidMemory, trace: Trace) ->
             state = step(state, mean, inclines.thetas[stretch], vehicle, run.ts)
         else:
             state, slip = bicycle_step(bicycle, state, slip, mean, inclines, stretch, run.ts)
+    return room
 
 
 def score_all(run: StraightRun, gains: Floats, limit: float, trace: Trace, scores: Floats) -> None:
     """Drive with each of the gains, shape `(n, 3)`, and store the scores, shape `(n, 4)`."""
     speed = trace.speed if len(run.errors) > 0 else trace.v
-    wait = len(run.waiting)
     for i in range(len(gains)):
         of_run = PidGains(gains[i, 0], gains[i, 1], gains[i, 2], -limit, limit)
         count = drive(run, of_run, PidMemory(0.0, nan), trace)
         of_speed = Scores(inf, inf, inf, inf)
         if trace.x[count - 1] >= run.distance:
-            motor = trace.commands[wait:]
+            motor = trace.commands[len(run.waiting) :]
             driven = Driven(trace.x, speed, trace.reference, motor)
             first = first_states(run.inclines, driven, count, inf)
             of_speed = score(driven, count, first)
@@ -290,8 +291,7 @@ def _log_of(plant: Plant, run: StraightRun, trace: Trace, errors: Floats, count:
     if errors.size:
         error = MeasurementError._make(errors.T)
 
-    wait = len(run.waiting)
-    rows = trace._replace(commands=trace.commands[wait:])
+    rows = trace._replace(commands=trace.commands[len(run.waiting) :])
     column = Trace._make(np.array(values[:count]) for values in rows)
     states = BicycleState(column.x, column.y, column.psi, column.v)
     measured = motion(states, 0.0, plant.vehicle)

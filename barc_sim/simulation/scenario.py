@@ -24,8 +24,10 @@ class Scenario(PlantOptions):
 
     The fields have the names, the defaults and the limits of the arguments of `simulate`, which
     describes them. In addition, `motor` and `servo` are the actuators, and `laps` ends a run on a
-    track; the first of the ends counts. A scenario never changes: `dataclasses.replace` makes
-    another one.
+    track. The first of the ends counts: `laps`, `distance` or `max_duration`. With 0 laps, the
+    default, a track has no end of its own, as a road never has; with 1, its end is the finish line.
+    (`barc acc` and the node `vehicle_simulator` drive one lap by default; on a road a lap ends at
+    `distance`.) A scenario never changes: `dataclasses.replace` makes another one.
 
     Raises
     ------
@@ -53,7 +55,11 @@ class Scenario(PlantOptions):
         float, 'where each lap of a road ends, or a run on a track [m]; 0: nowhere', 0.0, 1e6
     ] = 180.0
     laps: Annotated[
-        int, 'number of laps, without a stop between them on a track; 0: no end', 0, 10**6
+        int,
+        'number of laps after which a run ends, on a track without a stop between them; 0: the run '
+        'ends at no lap',
+        0,
+        10**6,
     ] = 0
     max_duration: Annotated[float, 'simulated time [s]', 0.0, 1e5] = 600.0
 
