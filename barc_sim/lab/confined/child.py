@@ -40,12 +40,15 @@ import ctypes
 import json
 import os
 import platform
+import random
 import signal
 import stat
 import sys
 import sysconfig
+import time
 from contextlib import suppress
 from errno import ENOTTY, EPERM
+from itertools import count
 from os import O_RDONLY, O_RDWR, O_TRUNC, O_WRONLY
 from pathlib import Path
 from struct import pack
@@ -66,6 +69,8 @@ _SET_NO_NEW_PRIVS = 38
 _MODE_FILTER = 2
 _RESTRICT_SELF = 446
 _INSTRUCTION = 8  # bytes of a seccomp program
+_FIRST_TIME = 10**18  # [ns] of the clock that user code reads
+_TICK = 1000  # [ns] from one reading of it to the next
 
 
 def _handler(seconds: float) -> Callable[..., Any]:
@@ -114,15 +119,29 @@ def _handler(seconds: float) -> Callable[..., Any]:
 
 
 def _seed_generators() -> None:
-    """Seed NumPy's generators without a seed: with them, the same file would get other points."""
-    import numpy as np  # noqa: PLC0415
+    """Give random numbers without a seed, and the time, the same values in each process.
 
-    new_generator = np.random.default_rng
+    Otherwise the same file would get other points. Python's generators and NumPy's take their seeds
+    from `os.urandom`, except for `random.Random`, or from the user's `time.time()`. A seed that the
+    user chooses counts.
+    """
+    source = random.Random(0)  # noqa: S311 (a simulation, not a secret)
+    os.urandom = source.randbytes
 
-    def seeded(seed: Any = None) -> np.random.Generator:  # noqa: ANN401 (as NumPy's)
-        return new_generator(0 if seed is None else seed)
+    set_seed: Any = random.Random.seed
 
-    np.random.default_rng = seeded
+    def seed(generator: random.Random, a: Any = None, version: int = 2) -> None:  # noqa: ANN401
+        set_seed(generator, source.getrandbits(64) if a is None else a, version)
+
+    generators: Any = random
+    generators._urandom = source.randbytes  # noqa: SLF001
+    generators.Random.seed = seed
+    generators.seed = generators._inst.seed  # noqa: SLF001 (the functions of the module use it)
+
+    # It goes on with each call, so that a loop that waits for a time ends.
+    nanoseconds = count(_FIRST_TIME, _TICK)
+    time.time_ns = lambda: next(nanoseconds)
+    time.time = lambda: next(nanoseconds) / 1e9
 
 
 def _forget_packages(path: list[str]) -> None:
