@@ -135,7 +135,7 @@ def test_the_run_of_a_car_that_leaves_the_track_ends(tmp_path: Path) -> None:
         ('--track L --laps -1', '-1 is not a whole number from 0'),
         (
             '--track L --lab wanting',
-            'lane.py, line 2: Lane takes (k), and each is a gain: expected',
+            'lane.py, line 2: Lane takes (k), and a run passes none: expected a default',
         ),
     ],
 )

@@ -14,6 +14,7 @@ import random
 import sys
 from bisect import bisect_right
 from hashlib import sha256
+from inspect import Parameter
 from math import inf, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -129,7 +130,7 @@ class UserCode:
     model = property(lambda self: self._part('model'))
     #: The user's class `PID`; it also gets `output_min` and `output_max` if it takes them.
     controller = property(lambda self: self._part('controller'))
-    #: The user's class `Lane`; the arguments of its constructor are its gains.
+    #: The user's class `Lane`; the arguments of its constructor with numbers are its gains.
     lane = property(lambda self: self._part('lane'))
     #: The user's function `command` of the time.
     identify = property(lambda self: self._part('identify'))
@@ -459,16 +460,22 @@ def _like(result: Any, values: list[float]) -> Any:  # noqa: ANN401 (a user's)
 
 
 def gains_of(lane: UserFunction) -> dict[str, float]:
-    """Return the gains of a user's class `Lane`: its arguments, whose defaults must be numbers."""
+    """Return the gains of a user's class `Lane`: its arguments whose defaults are numbers.
+
+    All others keep their defaults. An argument without a default raises a UserCodeError.
+    """
     gains = {}
     for name, parameter in lane.signature.parameters.items():
-        value = number(parameter.default)
-        if value is None:
+        if parameter.kind in {Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD}:
+            continue
+        if parameter.default is Parameter.empty:
             raise UserCodeError(
-                f'{lane.place()}: Lane takes ({", ".join(lane.signature.parameters)}), and each is '
-                f'a gain: expected a number as its default, as in {name}=0.2'
+                f'{lane.place()}: Lane takes ({", ".join(lane.signature.parameters)}), and a run '
+                f'passes none: expected a default for each, as in {name}=0.2'
             )
-        gains[name] = value
+        value = None if isinstance(parameter.default, bool) else number(parameter.default)
+        if value is not None:
+            gains[name] = value
     return gains
 
 
