@@ -28,6 +28,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from barc_sim.cli.files import read_regular
+from barc_sim.cli.text import one_line
 from barc_sim.errors import UserError
 from barc_sim.lab.f_strings import without_f_strings
 
@@ -44,7 +45,8 @@ BY_HAND = 'by_hand.yaml'
 _MAX_SOURCE = 1_000_000  #: bytes
 _SHOWN = 120  #: maximum length of a wrong line in a message
 _INDENTATION = re.compile(r'^[ \t]+', re.MULTILINE)
-_PRINT = re.compile(r'print\s+(?![=(])(?:>>\s*\w[\w.]*\s*,\s*)?(.*?),?$')
+_NO_CALL_OF_PRINT = "call to 'print'"  # part of Python's message on a print statement
+_MAX_PRINTS = 200  # print statements of Python 2 that are read in a file
 #: The default gains of PID in the lab's template: they do not count as chosen.
 _TEMPLATE = (1.0, 1.0, 1.0)
 _MAX_GAIN = 1e12
@@ -355,23 +357,81 @@ class Compiled(NamedTuple):
 
 
 def compiled(source: Source) -> Compiled:
-    """Compile a source of Python 3; mixed tabs are expanded to multiples of 8 spaces."""
-    tolerated: tuple[str, ...] = ()
+    """Compile a source of Python 3.
+
+    Two faults of older files are tolerated: mixed tabs are expanded to multiples of 8 spaces, and
+    the print statements of Python 2 are read as calls.
+    """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')
-            try:
-                tree = ast.parse(source.text, source.name)
-            except TabError:
-                tolerated = ('tabs and spaces are mixed: a tab counts as 8 spaces',)
-                text = _INDENTATION.sub(lambda match: match[0].expandtabs(8), source.text)
-                tree = ast.parse(text, source.name)
+            tree, tolerated = _parsed(source)
             code = compile(tree, str(source.path), 'exec', dont_inherit=True)
     except SyntaxError as error:
         raise _syntax_error(source, error) from error
     except (ValueError, RecursionError, MemoryError) as error:
         raise UserCodeError(f'{source.name} is not Python 3: {error}') from error
     return Compiled(code, tree, tolerated)
+
+
+def _parsed(source: Source) -> tuple[ast.Module, tuple[str, ...]]:
+    """Return the syntax tree of a source, and what is tolerated in it, a phrase each."""
+    text = source.text
+    phrases: dict[str, None] = {}  # in the order of the faults, each once
+    for _ in range(_MAX_PRINTS):
+        try:
+            return ast.parse(text, source.name), tuple(phrases)
+        except TabError:  # noqa: PERF203 (each turn mends a line)
+            text = _INDENTATION.sub(lambda match: match[0].expandtabs(8), text)
+            phrases['tabs and spaces are mixed: a tab counts as 8 spaces'] = None
+        except SyntaxError as error:
+            statement = _print_statement(text, error)
+            if not statement:
+                raise
+            text = statement.before + statement.call + statement.after
+            phrases[f'print is a function in Python 3: write {one_line(statement.call)}'] = None
+    return ast.parse(text, source.name), tuple(phrases)
+
+
+class _PrintStatement(NamedTuple):
+    """A print statement of Python 2 in a text."""
+
+    before: str  #: the text before it
+    call: str  #: the same in Python 3
+    after: str
+
+
+def _print_statement(text: str, error: SyntaxError) -> _PrintStatement | None:
+    """Return the print statement of Python 2 that has raised an error; None if it is another."""
+    if _NO_CALL_OF_PRINT not in error.msg or not (error.lineno and error.offset):
+        return None
+    lines = io.StringIO(text).readlines()
+    line = lines[error.lineno - 1]
+    before = ''.join(lines[: error.lineno - 1]) + line[: error.offset - 1]
+    rest = text[len(before) :]
+    if not rest.startswith('print'):
+        return None
+
+    end = _end_of_statement(rest)
+    values = rest[len('print') : end].strip()
+    call = f'print({values})'
+    if values.endswith(','):  # no new line
+        call = f"print({values} end=' ')"
+    return _PrintStatement(before, call, rest[end:])
+
+
+def _end_of_statement(text: str) -> int:
+    """Return the length of the statement with which a text begins, without a comment."""
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+    row = 1
+    column = 0
+    with suppress(tokenize.TokenError, SyntaxError):  # of what comes after it
+        for token in tokens:
+            if token.type in {tokenize.NEWLINE, tokenize.COMMENT} or token.string == ';':
+                break
+            row, column = token.end
+    lines = io.StringIO(text).readlines()
+    return len(''.join(lines[: row - 1])) + column
 
 
 _HERE = '.'.join(map(str, sys.version_info[:2]))
@@ -409,11 +469,6 @@ def _syntax_error(source: Source, error: SyntaxError) -> UserCodeError:
             ErrorKind.NEEDS_PYTHON,
         )
 
-    statement = _PRINT.match(text)
-    if statement and 'print' in error.msg:
-        return UserCodeError(
-            f'{at}: {text}: this is the print of Python 2: write print({statement[1]})'
-        )
     return UserCodeError(f'{at}: syntax error: {error.msg}' + (f': {text}' if text else ''))
 
 
