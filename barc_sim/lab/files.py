@@ -42,7 +42,7 @@ _T = TypeVar('_T')
 COMPOSE = 'compose.py'
 #: The file beside a report for the points and comments that a person enters.
 BY_HAND = 'by_hand.yaml'
-_MAX_SOURCE = 1_000_000  #: bytes
+MAX_SOURCE = 1_000_000  #: bytes
 _SHOWN = 120  #: maximum length of a wrong line in a message
 _INDENTATION = re.compile(r'^[ \t]+', re.MULTILINE)
 _NO_CALL_OF_PRINT = "call to 'print'"  # part of Python's message on a print statement
@@ -55,6 +55,7 @@ _KEY_READERS = {
     *('curses', 'getch', 'getkey', 'keyboard', 'msvcrt', 'pygame', 'pynput', 'readchar', 'termios'),
     *('tkinter', 'Tkinter', 'tty'),
 }
+_RELAY_TOPIC = 'cmd_vel'
 _INPUTS = {'sys.stdin', 'input()', 'raw_input()'}
 
 
@@ -266,6 +267,37 @@ def find_name(names: Collection[str], part: str) -> str | None:
     return similar[0] if len(similar) == 1 else None
 
 
+def candidates(files: Mapping[str, bytes], part: str) -> list[str]:
+    """Return the files at the top that could be the file of a part under a name of their own.
+
+    They define what the file of the part must define, or use the topic of a relay. They are not
+    judged: only the student knows whether they are meant. The files are not parsed, because the
+    grader itself calls this.
+    """
+    names = '|'.join(main_names(part))
+    has_definition = re.compile(rf'^(def|class) +({names})\b', re.MULTILINE)
+    others = {name for each in HANDOUTS.values() for name in each.others}
+    similar = []
+    for name, data in sorted(files.items()):
+        if '/' in name or not name.endswith('.py') or name in others:
+            continue
+        is_taken = any(find_name([name], each) for each in FILES)
+        text = data.decode(errors='replace')
+        is_similar = has_definition.search(text) or (part == 'relay' and _RELAY_TOPIC in text)
+        if is_similar and not is_taken:
+            similar.append(name)
+    return similar
+
+
+def missing(handout: Handout, part: str, files: Mapping[str, bytes]) -> str:
+    """Return the sentence on a part whose file is missing, with the files that could be it."""
+    sentence = f'there is no {handout.files[part]}'
+    names = candidates(files, part)
+    if names:
+        sentence += f': is it {" or ".join(names)}? Then give it this name'
+    return sentence
+
+
 def _letters(name: str) -> str:
     return ''.join(filter(str.isalpha, name.lower()))
 
@@ -316,7 +348,7 @@ def read_source(path: Path, name: str) -> Source:
     Its encoding is found by Python's rules: a byte order mark, a coding line, else UTF-8.
     """
     try:
-        data = read_regular(path, _MAX_SOURCE)
+        data = read_regular(path, MAX_SOURCE)
     except OSError as error:
         raise UserCodeError(f'{str(path)!r} cannot be read: {error.strerror}') from error
     return Source(name, path, _decoded(data, name), data)
@@ -377,20 +409,21 @@ def compiled(source: Source) -> Compiled:
 def _parsed(source: Source) -> tuple[ast.Module, tuple[str, ...]]:
     """Return the syntax tree of a source, and what is tolerated in it, a phrase each."""
     text = source.text
-    phrases: dict[str, None] = {}  # in the order of the faults, each once
+    phrases: dict[str, str] = {}  # by fault: each is named once
     for _ in range(_MAX_PRINTS):
         try:
-            return ast.parse(text, source.name), tuple(phrases)
+            return ast.parse(text, source.name), tuple(phrases.values())
         except TabError:  # noqa: PERF203 (each turn mends a line)
             text = _INDENTATION.sub(lambda match: match[0].expandtabs(8), text)
-            phrases['tabs and spaces are mixed: a tab counts as 8 spaces'] = None
+            phrases['tabs'] = 'tabs and spaces are mixed: a tab counts as 8 spaces'
         except SyntaxError as error:
             statement = _print_statement(text, error)
             if not statement:
                 raise
             text = statement.before + statement.call + statement.after
-            phrases[f'print is a function in Python 3: write {one_line(statement.call)}'] = None
-    return ast.parse(text, source.name), tuple(phrases)
+            advice = f'print is a function in Python 3: write {one_line(statement.call)}'
+            phrases.setdefault('print', advice)
+    return ast.parse(text, source.name), tuple(phrases.values())
 
 
 class _PrintStatement(NamedTuple):

@@ -30,7 +30,7 @@ import numpy as np
 
 from barc_sim.errors import UserError
 from barc_sim.lab.confined.process import JudgedCode, ProcessLimits
-from barc_sim.lab.files import CALLED, UserCodeError
+from barc_sim.lab.files import CALLED, UserCodeError, missing
 from barc_sim.lab.law import Mistake
 from barc_sim.lab.user_code.folder import BY_EYE
 
@@ -257,7 +257,7 @@ class Lab:
             if code.has(name):
                 findings += self._judge_part(part, code, settings, requested)
             else:
-                message = f'there is no {self.handout.files[name]}'
+                message = missing(self.handout, name, code.files())
                 findings += [Finding(each, 0.0, message, skipped=True) for each in requested]
         return findings
 

@@ -63,11 +63,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from barc_sim.cli.files import read_regular
 from barc_sim.cli.text import one_line, without_addresses
 from barc_sim.errors import UserError
 from barc_sim.lab.confined.child import NO_PIPES, abi
 from barc_sim.lab.confined.replies import RESULTS, WrongReply, max_size, parsed
-from barc_sim.lab.files import ChosenGains, ErrorKind, UserCodeError, files_in
+from barc_sim.lab.files import MAX_SOURCE, ChosenGains, ErrorKind, UserCodeError, files_in
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -300,6 +301,14 @@ class JudgedCode(AbstractContextManager['JudgedCode']):
     def has(self, part: str) -> bool:
         """Return whether the folder has the file of this part."""
         return part in files_in(self._folder)
+
+    def files(self) -> dict[str, bytes]:
+        """Return the files of Python at the top of the folder, by name; none that is too large."""
+        files = {}
+        for path in self._folder.glob('*.py'):
+            with suppress(OSError, UserError):
+                files[path.name] = read_regular(path, MAX_SOURCE)
+        return files
 
     def rows(self, name: str, rows: Sequence[Sequence[Any]], corrected: object = None) -> list[Any]:
         """Return a row of the numbers that a user's function returns for each row of arguments.

@@ -41,7 +41,7 @@ from barc_sim.cli.text import one_line
 from barc_sim.cli.yaml_files import read_yaml
 from barc_sim.errors import UserError, escaped
 from barc_sim.figures.files import save
-from barc_sim.lab.files import BY_HAND, HANDOUTS, RUBRICS, names_of, united
+from barc_sim.lab.files import BY_HAND, HANDOUTS, RUBRICS, candidates, missing, names_of, united
 from barc_sim.lab.judge import Settings, Thresholds
 from barc_sim.lab.labs import lab_of
 from barc_sim.lab.pages import data_url, render
@@ -307,9 +307,12 @@ def grade(submission: Submission, rubric: Rubric, limits: ProcessLimits) -> Grad
     """
     notes = submission.notes
     expected = rubric.lab.handout.files
-    files = names_of(submission.files, expected).values()
-    if not (files or notes):
+    names = names_of(submission.files, expected)
+    if not (names or notes):
         notes = (f'it has no {", ".join(expected.values())}',)
+    for part in [each for each in expected if each not in names]:
+        if candidates(submission.files, part):  # a person looks at it: optional parts have no line
+            notes = (*notes, missing(rubric.lab.handout, part, submission.files))
     if not limits.confined:
         notes = (*notes, 'its code ran unconfined, because of --unconfined')
 
@@ -336,7 +339,9 @@ def grade(submission: Submission, rubric: Rubric, limits: ProcessLimits) -> Grad
         items=tuple(items),
         notes=notes,
         printed=escaped(judged.printed),
-        hashes={name: hashlib.sha256(submission.files[name]).hexdigest() for name in files},
+        hashes={
+            name: hashlib.sha256(submission.files[name]).hexdigest() for name in names.values()
+        },
         gains=escaped(str(judged.gains or '')),
         tolerated=tuple(map(escaped, judged.tolerated)),
     )
