@@ -309,6 +309,8 @@ class TrialJudge(ABC):
     law: Law
     agree: Agree = close
     min_loss: float = 0.1  #: the minimum loss for a wrong result
+    #: By result, its name for students, where it has another one in the law.
+    shown_names: Mapping[str, str] = field(default_factory=dict)
 
     def is_right(self, trial: Trial, name: str) -> bool:
         """Return whether a result is right."""
@@ -416,10 +418,11 @@ class TrialJudge(ABC):
     def _unnamed(self, trials: Sequence[Trial], name: str) -> Mistake:
         """Return the cause if no mistake of the law matches: a constant, or the largest error."""
         trials = _with_result(trials, name)
+        shown_name = self.shown_names.get(name, name)
         if not any(np.ptp(trial.got[name], axis=-1).any() for trial in trials):
             values = {*np.concatenate([trial.got[name].ravel() for trial in trials]).tolist()}
             always = f'{values.pop():.6g}' if len(values) == 1 else 'the same in a call'
-            text = f'{name} is always {always}: is it computed, and returned?'
+            text = f'{shown_name} is always {always}: is it computed, and returned?'
             return Mistake(_ABSENT, text, {}, text)
 
         wrong_trials = [trial for trial in trials if not self.is_right(trial, name)]
@@ -429,7 +432,7 @@ class TrialJudge(ABC):
         worst = max(wrong_trials, key=lambda trial: trial.largest_error(name)[1])
         index, _ = worst.largest_error(name)
         text = (
-            f'{name} is wrong{where}. The largest error: {self._call(worst, index)} gave '
+            f'{shown_name} is wrong{where}. The largest error: {self._call(worst, index)} gave '
             f'{worst.got[name][index]:.9g}, expected {worst.right[name][index]:.9g}'
         )
         return Mistake('', text, {}, text)

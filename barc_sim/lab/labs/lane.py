@@ -62,8 +62,18 @@ _RESULTS = {
 LAW = read_law(
     'lane.txt', {'wrapped': lambda angle: np.angle(np.exp(1j * angle))}, L_F=L_F, L_R=L_R
 )
+_SHOWN_NAMES = {
+    name: f'{name.partition("_")[2]} of {function}'
+    for function, names in _RESULTS.items()
+    for name in names
+}
 _JUDGED = [name for results in _RESULTS.values() for name in results]
-FUNCTIONS = Functions(LAW, results=_RESULTS, criteria=dict(zip(_JUDGED, LABELS, strict=True)))
+FUNCTIONS = Functions(
+    LAW,
+    shown_names=_SHOWN_NAMES,
+    results=_RESULTS,
+    criteria=dict(zip(_JUDGED, LABELS, strict=True)),
+)
 SPEED = 6.0  #: [m/s]
 _CURVATURE = 0.05  #: [1/m]
 _TURN: dict[str, Any] = dict(zip(('STEER', 'STEADY'), steady_turn(_CURVATURE), strict=True))
