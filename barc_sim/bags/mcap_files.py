@@ -24,9 +24,9 @@ from mcap.records import Attachment, Channel, Chunk, Metadata, Schema, Statistic
 
 from barc_sim.bags import bounds
 from barc_sim.bags.bounds import MAX_RECORD, Budget
+from barc_sim.bags.mcap_writer import MAGIC
 from barc_sim.bags.messages import BagMessage, Topic
 from barc_sim.bags.metadata import METADATA_NAME, Span
-from barc_sim.bags.writer import MAGIC
 from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError
 

@@ -67,21 +67,22 @@ class Span:
 
 
 def information(
-    file: str, span: Span, topics: Sequence[tuple[Topic, int]], custom: Mapping[str, str]
+    files: Sequence[tuple[str, Span]],
+    topics: Sequence[tuple[Topic, int]],
+    custom: Mapping[str, str],
 ) -> dict[str, Any]:
-    """Return the content of metadata.yaml for a bag of one file.
+    """Return the content of metadata.yaml.
 
     Parameters
     ----------
-    file
-        The file's name.
-    span
-        The time span of its messages.
+    files
+        The bag's files in order, each with its name and the time span of its messages.
     topics
-        Its topics with their numbers of messages.
+        The bag's topics with their numbers of messages.
     custom
         The run's own metadata.
     """
+    span = sum((span for _, span in files), Span())
     return {
         'version': 9,
         'storage_identifier': 'mcap',
@@ -92,8 +93,8 @@ def information(
         ],
         'compression_format': '',
         'compression_mode': '',
-        'relative_file_paths': [file],
-        'files': [{'path': file, **span.as_metadata()}],
+        'relative_file_paths': [name for name, _ in files],
+        'files': [{'path': name, **span.as_metadata()} for name, span in files],
         'custom_data': dict(custom),
         'ros_distro': 'jazzy',
     }

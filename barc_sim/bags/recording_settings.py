@@ -6,6 +6,12 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.bags.directory import MEBIBYTE
+from barc_sim.bags.file_format import (
+    COMPRESSION_FORMATS,
+    STORAGE_PRESETS,
+    FileFormat,
+    file_format,
+)
 from barc_sim.errors import UserError
 from barc_sim.interfaces.parameters import ParameterDeclaration
 from barc_sim.interfaces.topics import CLOCK
@@ -36,10 +42,6 @@ def _contains_any(name: str, patterns: Sequence[re.Pattern[str]]) -> bool:
 
 #: [B] The default size of the cache, as in rosbag2.
 CACHE_SIZE = 100 * MEBIBYTE
-#: How the chunks of a file can be compressed.
-COMPRESSION_FORMATS = ('zstd', 'lz4', 'none')
-#: rosbag2's settings for a file, by name; the empty one leaves the choice to the other fields.
-STORAGE_PRESETS = ('', 'none', 'fastwrite', 'zstd_fast', 'zstd_small')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,6 +128,11 @@ class Recording:
     def reserve(self) -> int:
         """Space to leave free on the disk [B]."""
         return int(self.min_free_space * MEBIBYTE)
+
+    @property
+    def file_format(self) -> FileFormat:
+        """How the bag's files store their messages."""
+        return file_format(self.compression_format, self.storage_preset_profile)
 
 
 def _common(types: Sequence[str], others: Sequence[str]) -> bool:

@@ -10,9 +10,9 @@ from collections import Counter
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
+from barc_sim.bags.appender import CHANGED
 from barc_sim.bags.directory import short_of_space
 from barc_sim.bags.messages import BagMessage
-from barc_sim.bags.writer import CHANGED
 from barc_sim.interfaces.stamps import leading_time
 from barc_sim.interfaces.topics import CLOCK
 

@@ -233,7 +233,7 @@ def killed(tmp_path: Path) -> Path:
         writer.write([BagMessage(VALUE, k.to_bytes(12, 'little'), 1000 + k, 900 + k, k)])
         if k % 100 == 99:
             writer.flush()
-    writer._appender.close()  # noqa: SLF001 (as a kill would)
+    writer._file.close()  # noqa: SLF001 (as a kill would)
     return directory
 
 
@@ -292,7 +292,7 @@ def test_recover_on_a_full_disk_leaves_no_directory(
     def refuse(*_: object) -> None:
         raise OSError(28, 'No space left on device')
 
-    monkeypatch.setattr('barc_sim.bags.writer.AtomicAppender.put', refuse)
+    monkeypatch.setattr('barc_sim.bags.appender.AtomicAppender.put', refuse)
     with pytest.raises(UserError, match=r"whole_0.mcap' cannot be made \(No space left"):
         recover(killed, killed.with_name('whole'))
     assert [*killed.parent.iterdir()] == [killed]

@@ -23,9 +23,11 @@ from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from barc_sim.bags.appender import AtomicAppender
+from barc_sim.bags.file_format import FileFormat
 from barc_sim.bags.messages import BagMessage, Topic
 from barc_sim.bags.metadata import METADATA_NAME, to_yaml
-from barc_sim.bags.writer import CHUNK_SIZE, AtomicAppender, BagWriter
+from barc_sim.bags.writer import BagWriter
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -225,7 +227,7 @@ def make(directory: Path) -> Path:
 
 def make_with_mcap(path: Path, information: object) -> None:
     with path.open('wb') as stream:
-        writer = Writer(stream, chunk_size=CHUNK_SIZE, enable_data_crcs=True)
+        writer = Writer(stream, chunk_size=FileFormat.chunk_size, enable_data_crcs=True)
         writer.start('ros2', 'barc_sim')
         channels: list[int] = []
         schemas = dict.fromkeys((topic.type, topic.definition) for topic in TOPICS)

@@ -12,9 +12,10 @@ import mcap_doctor
 import pytest
 from command_line import wait_for
 
+from barc_sim.bags.appender import AtomicAppender
 from barc_sim.bags.contents import Contents
 from barc_sim.bags.messages import BagMessage, Topic
-from barc_sim.bags.writer import AtomicAppender, BagWriter
+from barc_sim.bags.writer import BagWriter
 from barc_sim.bags.writer_thread import WriterThread
 
 if TYPE_CHECKING:

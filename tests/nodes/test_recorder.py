@@ -182,7 +182,7 @@ def test_what_a_full_disk_refuses_is_lost_also_after_the_node_is_destroyed(
     recorder.discover()
     publisher.publish(Float64())
     wait_for(lambda: recorder.counts.get('/value') == 1)
-    monkeypatch.setattr('barc_sim.bags.writer.AtomicAppender.put', refuse)
+    monkeypatch.setattr('barc_sim.bags.appender.AtomicAppender.put', refuse)
     for _ in range(7):
         publisher.publish(Float64())
     recorder.destroy_node()
