@@ -1,4 +1,4 @@
-"""The thread that writes messages into a bag."""
+"""The threads that take messages from a source, and write them into a bag."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from operator import itemgetter
 from typing import TYPE_CHECKING
 
 from barc_sim.bags.appender import CHANGED
-from barc_sim.bags.directory import short_of_space
+from barc_sim.bags.cache import MessageQueue, MessageRing
+from barc_sim.bags.directory import MEBIBYTE, short_of_space
 from barc_sim.bags.messages import BagMessage
-from barc_sim.interfaces.stamps import leading_time
+from barc_sim.errors import UserError
+from barc_sim.interfaces.stamps import NANOSECONDS, leading_time
 from barc_sim.interfaces.topics import CLOCK
 
 if TYPE_CHECKING:
@@ -30,6 +32,10 @@ _BUSY_PERIOD = 0.01
 _MANY = 100
 #: [s] between the ends of two chunks. A kill loses the messages of this time and of one poll.
 _CHUNK_PERIOD = 0.1
+#: [B] of messages that are written at once: other users of the bag wait so long.
+_BATCH = 4 * MEBIBYTE
+#: [ns] A poll is shorter, unless the system's clock was set meanwhile.
+_MAX_POLL = NANOSECONDS
 
 #: Returns the time of reception of a message.
 _RECEIVED = itemgetter(BagMessage._fields.index('received'))
@@ -38,19 +44,29 @@ _RECEIVED = itemgetter(BagMessage._fields.index('received'))
 class WriterThread:
     """Polls a source and writes its messages into a bag, until it is closed.
 
-    A slow or full disk blocks only this thread. Messages that the disk refuses wait here, and later
-    messages wait in the source; each poll tries again. Nothing is lost while there is room.
+    One thread takes messages from the source, another one writes them, so that a slow or full disk
+    blocks only the latter. Meanwhile messages wait in a cache, up to its size; messages beyond it
+    are lost, and counted. Without a cache they wait in the source. Writing is tried again until the
+    disk accepts it.
+
+    In snapshot mode the cache keeps the latest messages instead, and `snapshot` writes them.
 
     Parameters
     ----------
     writer
-        The bag's writer; only the thread uses it from now on.
+        The bag's writer; only the threads use it from now on.
     source
-        Returns the waiting messages; called in the thread.
+        Returns the waiting messages; called in the taking thread.
     reserve
         Space to leave free [B].
     on_failure
-        Called in the thread with a sentence when writing fails; again only after it has worked.
+        Called in a thread with a sentence when writing fails; again only after it has worked.
+    cache_size
+        Size of the cache in memory [B]; 0: messages wait in the source.
+    snapshot_mode
+        Whether messages are only written by `snapshot`; that needs a cache.
+    on_warning
+        Called in a thread with a sentence when the recording goes on, but not as it should.
     """
 
     def __init__(
@@ -59,11 +75,16 @@ class WriterThread:
         source: Callable[[], Iterable[MessageFields]],
         reserve: int,
         on_failure: Callable[[str], None],
+        *,
+        cache_size: int = 0,
+        snapshot_mode: bool = False,
+        on_warning: Callable[[str], None] | None = None,
     ) -> None:
         self._writer = writer
         self._source = source
         self._reserve = reserve
         self._on_failure = on_failure
+        self._on_warning = on_warning
 
         # Settings.
         self.paused = False
@@ -73,82 +94,102 @@ class WriterThread:
 
         # Lost and omitted messages.
         self.before_clock = 0  #: number of messages left out before the first `/clock`
-        self.unwritten: dict[str, int] = {}  #: number of lost messages by topic, after `close`
+        self._unwritten: Counter[str] = Counter()  # by topic, after `close`
+        self._warned_of_losses = False
+        self._warned_of_split = False
 
-        # State.
+        # Taking, under its lock.
         self._clock: int | None = None  # [ns] the latest `/clock`
         self._postponed: list[MessageFields] = []  # to the next poll
         self._last_count = 0  # number of messages in the last poll
-        self._stuck = False  # whether writing has failed and has not worked since
         self._source_failed = False  # for good
-        self._chunk_due = time.monotonic()
+        self._source_lock = threading.Lock()
 
+        # Between the two.
+        self._queue = MessageQueue(cache_size)
+        self._ring = MessageRing(cache_size) if snapshot_mode else None
+        self._cache = self._queue if self._ring is None else self._ring  # that takes messages
+
+        # Writing, under its lock.
+        self._stuck = False  # whether writing has failed and has not worked since
+        self._writer_failed = False  # for good
+        self._chunk_due = time.monotonic()
         self._lock = threading.RLock()
+
         self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._run, name='recorder', daemon=True)
+        self._is_work_waiting = threading.Event()
+        self._threads = [
+            threading.Thread(target=run, name='recorder', daemon=True)
+            for run in (self._run_taking, self._run_writing)
+        ]
 
     def start(self) -> None:
-        """Start the thread."""
-        self._thread.start()
+        """Start the threads."""
+        for thread in self._threads:
+            thread.start()
 
-    def _run(self) -> None:
+    @property
+    def unwritten(self) -> dict[str, int]:
+        """The number of messages that were received and lost, by topic.
+
+        Until `close` these are the messages that the cache could not take.
+        """
+        lost = self._unwritten + self._queue.lost
+        if self._ring is not None:
+            lost += self._ring.lost
+        return dict(lost)
+
+    # Taking
+
+    def _run_taking(self) -> None:
         while not self._closing.wait(self._period):
-            with self._lock:
-                self._run_once()
+            with self._source_lock:
+                self._poll()
 
     @property
     def _period(self) -> float:
         return _BUSY_PERIOD if self._last_count > _MANY else _PERIOD
 
-    def write_now(self) -> None:
-        """Write the waiting messages in the calling thread, unless the writer's thread does."""
-        if self._lock.acquire(blocking=False):
-            try:
-                self._run_once()
-            finally:
-                self._lock.release()
-
-    def _run_once(self) -> None:
-        """Write the waiting messages, and end a chunk if that is due."""
+    def _poll(self) -> None:
+        """Move the waiting messages from the source into the cache."""
+        if self._source_failed or not self._has_room:
+            return
         try:
-            # While writing fails, later messages wait in the source.
-            if not self._stuck and not self._source_failed:
-                self._drain()
-
-            if time.monotonic() >= self._chunk_due:
-                self._chunk_due = time.monotonic() + _CHUNK_PERIOD
-                self._check_disk()
-                self._writer.flush()
-                self._stuck = self._source_failed
-        except OSError as error:
-            self._fail(error)
+            messages = self._take()
         except Exception as error:  # noqa: BLE001 (the thread would end unnoticed)
             self._source_failed = True
-            self._fail(error)
+            self._report(error)
+            return
 
-    def _drain(self) -> None:
-        messages = self._take()
         self._last_count = len(messages)
         if messages and not self.paused:
-            self._writer.write(messages)
+            self._cache.put(messages)
+            self._is_work_waiting.set()
+            self._warn_of_losses()
+
+    @property
+    def _has_room(self) -> bool:
+        """Whether messages can be taken from the source."""
+        return self._queue.max_size > 0 or not (self._queue or self._stuck or self._writer_failed)
 
     def _take(self) -> list[MessageFields]:
         """Return the waiting messages in order of reception, as readers expect.
 
-        The source takes one topic after the other, so a `/clock` older than a message may come with
-        the next poll. Messages received since this poll began therefore wait for the next one.
+        The source takes one topic after the other, so a message, or a `/clock`, older than another
+        one may come with the next poll. Messages received since this poll began therefore wait for
+        the next one.
         """
         poll_time = time.time_ns()
         messages = sorted([*self._postponed, *self._source()], key=_RECEIVED)
-        if not self.use_sim_time:
-            return messages
-
-        if self._closing.is_set():
+        count = bisect_left(messages, poll_time, key=_RECEIVED)
+        was_clock_set_back = bool(messages) and _RECEIVED(messages[-1]) > poll_time + _MAX_POLL
+        if self._closing.is_set() or was_clock_set_back:
             count = len(messages)
-        else:
-            count = bisect_left(messages, poll_time, key=_RECEIVED)
+
         self._postponed = messages[count:]
-        return self._stamped(messages[:count])
+        if self.use_sim_time:
+            return self._stamped(messages[:count])
+        return messages[:count]
 
     def _stamped(self, messages: Iterable[MessageFields]) -> list[MessageFields]:
         """Set the time of reception of each message to the latest `/clock` before it.
@@ -171,6 +212,53 @@ class WriterThread:
                 self.before_clock += 1
         return stamped
 
+    def _warn_of_losses(self) -> None:
+        """Warn of the first messages that the cache could not take."""
+        if self._on_warning and not self._warned_of_losses and self.unwritten:
+            self._warned_of_losses = True
+            size = self._queue.max_size / MEBIBYTE
+            self._on_warning(
+                f'messages are lost, as the cache of {size:g} MiB is full: record to a faster '
+                'disk, record fewer topics, or make the cache larger'
+            )
+
+    # Writing
+
+    def _run_writing(self) -> None:
+        while not self._closing.is_set():
+            self._is_work_waiting.wait(max(0.0, self._chunk_due - time.monotonic()))
+            self._is_work_waiting.clear()
+            self._write_queue()
+
+    def _write_queue(self) -> None:
+        """Write the messages of the queue, and end a chunk if that is due."""
+        is_more = True
+        while is_more:
+            with self._lock:
+                is_more = self._write_batch()
+
+    def _write_batch(self) -> bool:
+        """Write some messages of the queue, end a chunk if due; return whether more can wait."""
+        is_more = False
+        try:
+            if not self._stuck and not self._writer_failed:
+                messages = self._queue.take(_BATCH)
+                self._writer.write(messages)
+                is_more = len(self._queue) > 0
+
+            if time.monotonic() >= self._chunk_due:
+                self._chunk_due = time.monotonic() + _CHUNK_PERIOD
+                self._check_disk()
+                self._writer.flush()
+                self._warn_of_split()
+                self._stuck = False
+        except OSError as error:
+            self._fail(error)
+        except Exception as error:  # noqa: BLE001 (the thread would end unnoticed)
+            self._writer_failed = True
+            self._fail(error)
+        return is_more and not self._stuck
+
     def _check_disk(self) -> None:
         """Raise an OSError if the bag was removed or truncated, or the disk is short of space.
 
@@ -188,17 +276,72 @@ class WriterThread:
         """Report a failure, unless the last one was reported and writing has not worked since."""
         if not self._stuck:
             self._stuck = True
-            reason = getattr(error, 'strerror', None) or repr(error)
-            self._on_failure(f'writing to {str(self._writer.directory)!r} failed: {reason}')
+            self._report(error)
+
+    def _report(self, error: Exception) -> None:
+        self._on_failure(f'writing to {str(self._writer.directory)!r} failed: {_reason(error)}')
+
+    def _warn_of_split(self) -> None:
+        """Warn when a full file goes on; again only after a split has worked."""
+        failure = self._writer.split_failure
+        if failure and self._on_warning and not self._warned_of_split:
+            name = self._writer.file.name
+            self._on_warning(f'{name!r} goes on beyond its size, as {_reason(failure)}')
+        self._warned_of_split = failure is not None
+
+    # Requests
+
+    def write_now(self) -> None:
+        """Write the waiting messages in the calling thread, unless the writer's threads do."""
+        if self._source_lock.acquire(blocking=False):
+            try:
+                self._poll()
+            finally:
+                self._source_lock.release()
+        if self._lock.acquire(blocking=False):
+            try:
+                self._write_queue()
+            finally:
+                self._lock.release()
 
     def do(self, action: Callable[[BagWriter], None]) -> None:
-        """Call `action` with the bag's writer between two polls, unless the bag is closed."""
+        """Call `action` with the bag's writer between two batches, unless the bag is closed."""
         with self._lock:
             try:
                 if not self._writer.closed:
                     action(self._writer)
             except OSError as error:
                 self._fail(error)
+
+    def split(self) -> None:
+        """Write the waiting messages, finish the file, and begin the next one.
+
+        Raises
+        ------
+        UserError
+            The bag cannot be split, and the recording goes on in the same file.
+        """
+        with self._source_lock:
+            self._poll()
+        with self._lock:
+            self._write_queue()
+            try:
+                self._writer.split()
+            except OSError as error:
+                directory = str(self._writer.directory)
+                raise UserError(
+                    f'the bag {directory!r} cannot be split ({_reason(error)}): make space'
+                ) from error
+
+    def snapshot(self) -> bool:
+        """Write the messages of the cache, and empty it; return False without snapshot mode."""
+        if self._ring is None:
+            return False
+        with self._source_lock:
+            self._poll()
+            self._queue.put(self._ring.take())
+        self._is_work_waiting.set()
+        return True
 
     def close(self, final_metadata: Callable[[], Mapping[str, str]] = dict) -> None:
         """Write the waiting messages and finish the bag; a second call does nothing.
@@ -211,15 +354,18 @@ class WriterThread:
         if self._closing.is_set():
             return
         self._closing.set()
-        if self._thread.is_alive():
-            self._thread.join()
+        self._is_work_waiting.set()
+        for thread in self._threads:
+            if thread.is_alive():
+                thread.join()
 
-        with self._lock:
+        with self._source_lock, self._lock:
             self._reserve = 0  # space was kept free for this
             # The first pass resumes writing if the disk had refused a block.
             for _ in range(2):
+                self._poll()
                 self._chunk_due = 0.0
-                self._run_once()
+                self._write_queue()
             if not self._stuck:
                 self.do(lambda writer: writer.add_metadata(final_metadata()))
             self.do(lambda writer: writer.close())
@@ -227,9 +373,15 @@ class WriterThread:
 
     def _count_unwritten(self) -> None:
         """Count the messages that were received but never written."""
-        unwritten = Counter(self._writer.counts)
-        unwritten.subtract(self._writer.on_disk)
+        counts = Counter(self._writer.counts)
+        counts.subtract(self._writer.on_disk)
+        waiting = [*self._queue.take(), *self._postponed]
         if self._stuck and not self._source_failed:
-            waiting = [*self._postponed, *self._source()]
-            unwritten.update(topic.name for topic, _, _, _, _ in waiting)
-        self.unwritten = {topic: count for topic, count in unwritten.items() if count > 0}
+            waiting += self._source()
+        counts.update(topic.name for topic, _, _, _, _ in waiting)
+        self._unwritten = +counts
+
+
+def _reason(error: Exception) -> str:
+    """Return why something failed."""
+    return getattr(error, 'strerror', None) or repr(error)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import struct
+import threading
 import time
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ import pytest
 from command_line import wait_for
 
 from barc_sim.bags.appender import AtomicAppender
+from barc_sim.bags.cache import OVERHEAD
 from barc_sim.bags.contents import Contents
 from barc_sim.bags.messages import BagMessage, Topic
 from barc_sim.bags.writer import BagWriter
@@ -27,6 +29,7 @@ TOPIC = Topic(
     offered_qos=[],
 )  # fmt: skip
 SECOND = 1_000_000_000
+MESSAGE_SIZE = OVERHEAD + 12  # [B] in the cache
 
 
 class Source(list[BagMessage]):
@@ -70,6 +73,33 @@ def idle(
     """Return a thread that is not started."""
     (tmp_path / 'run').mkdir()
     thread = WriterThread(BagWriter(tmp_path / 'run'), source.take, reserve, failures.append)
+    yield thread
+    thread.close()
+
+
+@pytest.fixture
+def warnings() -> list[str]:
+    return []
+
+
+@pytest.fixture
+def cached(
+    request: pytest.FixtureRequest,
+    tmp_path: Path,
+    source: Source,
+    failures: list[str],
+    warnings: list[str],
+) -> Iterator[WriterThread]:
+    """Return a thread with a cache, or with the settings of the parameter."""
+    (tmp_path / 'run').mkdir()
+    thread = WriterThread(
+        BagWriter(tmp_path / 'run'),
+        source.take,
+        0,
+        failures.append,
+        on_warning=warnings.append,
+        **getattr(request, 'param', {'cache_size': 100 * MESSAGE_SIZE}),
+    )
     yield thread
     thread.close()
 
@@ -208,6 +238,161 @@ def test_failing_source_is_reported_once_and_the_bag_is_finished(
     thread.close()
     assert failures == [f"writing to '{tmp_path / 'run'}' failed: RuntimeError('rcl has failed')"]
     mcap_doctor.check(tmp_path / 'run' / 'run_0.mcap')
+
+
+class Disk:
+    """A disk that stalls until it is released."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.is_stalled = threading.Event()
+        self.released = threading.Event()
+        put = AtomicAppender.put
+
+        def stall(appender: AtomicAppender, data: bytes) -> None:
+            self.is_stalled.set()
+            self.released.wait(30.0)
+            put(appender, data)
+
+        monkeypatch.setattr(AtomicAppender, 'put', stall)
+
+
+@pytest.fixture
+def disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[Disk]:
+    """Return a disk that stalls from now on, until it is released or the test ends."""
+    disk = Disk(monkeypatch)
+    yield disk
+    disk.released.set()
+
+
+def test_messages_wait_in_the_cache_while_the_disk_stalls(
+    cached: WriterThread, disk: Disk, source: Source, tmp_path: Path
+) -> None:
+    cached.start()
+    source.put(0)
+    assert disk.is_stalled.wait(30.0)
+    for number in range(1, 50):
+        source.put(number)
+        wait_for(lambda: not source)
+    disk.released.set()
+    wait_for(lambda: recorded(tmp_path) == [*range(50)])
+    assert not cached.unwritten
+
+
+def test_what_the_cache_cannot_take_is_lost_by_the_recorder(
+    cached: WriterThread,
+    disk: Disk,
+    source: Source,
+    failures: list[str],
+    warnings: list[str],
+    tmp_path: Path,
+) -> None:
+    cached.start()
+    source.put(0)
+    assert disk.is_stalled.wait(30.0)
+    source.put(*range(1, 201))
+    wait_for(lambda: bool(warnings))
+    assert cached.unwritten == {'/value': 100}
+    disk.released.set()
+    wait_for(lambda: recorded(tmp_path) == [*range(101)])
+    source.put(*range(201, 211))
+    cached.close()
+    assert recorded(tmp_path) == [*range(101), *range(201, 211)]
+    assert cached.unwritten == {'/value': 100}
+    assert not failures
+    (warning,) = warnings
+    assert warning.startswith('messages are lost, as the cache of 0.0')
+
+
+def test_without_a_cache_messages_wait_in_the_source(
+    thread: WriterThread, source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    disk = Disk(monkeypatch)
+    source.put(0)
+    assert disk.is_stalled.wait(30.0)
+    source.put(1)
+    wait_for(lambda: not source)  # one poll more
+    source.put(*range(2, 1000))
+    disk.released.set()
+    wait_for(lambda: recorded(tmp_path) == [*range(1000)])
+    assert not thread.unwritten
+
+
+@pytest.mark.parametrize(
+    'cached', [{'cache_size': 10 * MESSAGE_SIZE, 'snapshot_mode': True}], indirect=True
+)
+def test_a_snapshot_has_the_latest_messages_and_the_next_one_goes_on_after_it(
+    cached: WriterThread, source: Source, tmp_path: Path
+) -> None:
+    cached.start()
+    for first in range(0, 100, 7):
+        source.put(*range(first, first + 7))
+    wait_for(lambda: not source)
+    assert cached.snapshot()
+    wait_for(lambda: recorded(tmp_path) == [*range(95, 105)])
+
+    source.put(*range(105, 110))
+    assert cached.snapshot()
+    source.put(*range(110, 120))
+    cached.close()
+    assert recorded(tmp_path) == [*range(95, 110)]
+    assert not cached.unwritten
+    assert len([*(tmp_path / 'run').glob('*.mcap')]) == 1
+
+
+def test_without_snapshot_mode_there_is_no_snapshot(cached: WriterThread) -> None:
+    assert not cached.snapshot()
+
+
+def test_nothing_is_taken_for_a_snapshot_during_a_pause(
+    tmp_path: Path, source: Source, failures: list[str]
+) -> None:
+    (tmp_path / 'run').mkdir()
+    writer = BagWriter(tmp_path / 'run')
+    thread = WriterThread(
+        writer, source.take, 0, failures.append, cache_size=10_000, snapshot_mode=True
+    )
+    source.put(1)
+    thread.write_now()
+    thread.paused = True
+    source.put(2)
+    thread.snapshot()
+    thread.close()
+    assert recorded(tmp_path) == [1]
+
+
+def test_a_split_by_call_puts_the_waiting_messages_into_the_old_file(
+    cached: WriterThread, source: Source, tmp_path: Path
+) -> None:
+    cached.start()
+    source.put(1, 2)
+    cached.split()
+    source.put(3)
+    cached.split()
+    cached.close()
+    files = sorted((tmp_path / 'run').glob('*.mcap'))
+    assert [file.name for file in files] == ['run_0.mcap', 'run_1.mcap', 'run_2.mcap']
+    assert [[m.number for m in Contents(file).messages()] for file in files] == [[1, 2], [3], []]
+
+
+def test_message_received_during_a_poll_waits_for_the_next_so_that_a_bag_is_in_order(
+    idle: WriterThread, tmp_path: Path, source: Source
+) -> None:
+    received = time.time_ns() + SECOND // 2
+    source.append(message(received))
+    idle.write_now()
+    source.append(message(received - 1))
+    idle.close()
+    assert times_of(tmp_path) == [received - 1, received]
+
+
+def test_messages_are_written_although_the_clock_of_the_system_was_set_back(
+    idle: WriterThread, tmp_path: Path, source: Source
+) -> None:
+    received = time.time_ns() + 3600 * SECOND
+    source.append(message(received))
+    idle._chunk_due = 0.0  # noqa: SLF001 (as if time had passed)
+    idle.write_now()
+    assert times_of(tmp_path) == [received]
 
 
 def message(received: int) -> BagMessage:
