@@ -13,7 +13,14 @@ from barc_sim.bags.messages import CDR
 from barc_sim.cli.parser import ROS_ARGS, accept_ros_args, add_bag, number, show
 from barc_sim.cli.process import require_ros
 from barc_sim.errors import UserError
-from barc_sim.runs.recording_options import add_recording_options, add_topic_choice, recording
+from barc_sim.runs.recording_options import (
+    add_control_options,
+    add_qos_overrides,
+    add_recording_options,
+    add_selection_options,
+    add_topic_choice,
+    recording,
+)
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -43,6 +50,9 @@ def add_arguments_record(parser: Parser) -> None:
         action='store_true',
         help='stamp messages with the time on /clock; record none before its first message',
     )
+    add_selection_options(parser)
+    add_control_options(parser)
+    add_qos_overrides(parser, 'record')
     add_recording_options(parser)
     accept_ros_args(parser)
 

@@ -48,7 +48,7 @@ from barc_sim.bags.recording_settings import BAG_DIR, Recording
 from barc_sim.bags.writer import BagWriter
 from barc_sim.bags.writer_thread import WriterThread
 from barc_sim.interfaces import services
-from barc_sim.interfaces.topics import CLOCK
+from barc_sim.interfaces.topics import CLOCK, MESSAGE_TYPES
 from barc_sim.ros.carrier import find_carrier
 from barc_sim.ros.node_helpers import declare
 from barc_sim.ros.peers import node_graph
@@ -138,9 +138,10 @@ class BagRecorder(Node):
         self._thread = WriterThread(
             self._writer, self._source.take, recording.reserve, self._on_failure
         )
+        self._thread.paused = recording.start_paused
         self._thread.use_sim_time = recording.use_sim_time
         self._thread.waits_for_clock = recording.use_sim_time
-        self._thread.writes_clock = recording.wants(CLOCK)
+        self._thread.writes_clock = recording.wants(CLOCK, [MESSAGE_TYPES[CLOCK]])
         self._source.call_when_full(self._thread.write_now)
         self._thread.start()
 
@@ -161,8 +162,16 @@ class BagRecorder(Node):
         """Log the bag's path, once; a run calls this when all its nodes have been made."""
         if not self._is_announced:
             self._is_announced = True
-            start = ', from the first message on /clock' if self._thread.waits_for_clock else ''
-            self.get_logger().info(f'recording to {str(self.path)!r}{start}')
+            self.get_logger().info(f'recording to {str(self.path)!r}{self._beginning}')
+
+    @property
+    def _beginning(self) -> str:
+        """When the first message is recorded, as the end of a sentence."""
+        if self._thread.paused:
+            return ', once it is resumed'
+        if self._thread.waits_for_clock:
+            return ', from the first message on /clock'
+        return ''
 
     def _add_graph(self) -> None:
         """Add the graph to the bag whenever it has grown, unless the run adds it."""
@@ -221,6 +230,21 @@ class BagRecorder(Node):
         """Lines with the numbers of recorded and lost messages, and what is left out."""
         return self.missing.summary(self.counts)
 
+    @property
+    def is_paused(self) -> bool:
+        """Whether messages are left out."""
+        return self._thread.paused
+
+    def pause(self) -> None:
+        """Leave out the messages from now on, until `resume`."""
+        self._thread.write_now()  # what has arrived until now
+        self._thread.paused = True
+
+    def resume(self) -> None:
+        """Record again, from the next message on."""
+        self._thread.write_now()  # drops what has arrived until now
+        self._thread.paused = False
+
     def stamp_with_clock(self) -> None:
         """Stamp messages with `/clock`, once there is one; earlier messages keep their time."""
         self._thread.use_sim_time = True
@@ -255,13 +279,13 @@ class BagRecorder(Node):
         super().destroy_node()
 
     def _on_pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._thread.paused = True
+        self.pause()
         response.success = True
         response.message = 'paused'
         return response
 
     def _on_resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._thread.paused = False
+        self.resume()
         response.success = True
         response.message = 'recording'
         return response

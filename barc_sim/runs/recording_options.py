@@ -5,11 +5,16 @@ from __future__ import annotations
 import argparse
 import re
 from dataclasses import fields
+from pathlib import Path
+from typing import Any
 
+from barc_sim.bags.qos_overrides import read_qos_overrides
 from barc_sim.bags.recording_settings import Recording
 from barc_sim.cli.parser import number
+from barc_sim.errors import UserError
 
-_MAX_SIZE = 2.0**60  #: [B]
+_MAX_SIZE = 2**60  #: [B]
+_TYPE_NAME = re.compile(r'\w+/(msg|srv|action)/\w+')
 
 
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
@@ -22,6 +27,48 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
         default=Recording.min_free_space,
         metavar='MIB',
         help=f'space to leave free on the disk ({Recording.min_free_space:g} MiB)',
+    )
+
+
+def add_selection_options(parser: argparse._ActionsContainer) -> None:
+    """Add the choice of topics by type, and hidden ones."""
+    _add_types(parser, '--topic-types', 'record topics of these types, beside those of --topics')
+    _add_types(parser, '--exclude-topic-types', 'record no topics of these types')
+    parser.add_argument(
+        '--include-hidden-topics',
+        action='store_true',
+        help="record hidden topics, too: feedback of actions, events of services, '/_…'",
+    )
+
+
+def _add_types(parser: argparse._ActionsContainer, name: str, description: str) -> None:
+    parser.add_argument(
+        name,
+        type=type_name,
+        nargs='+',
+        action='extend',
+        default=[],
+        metavar='TYPE',
+        help=f'{description}, as in std_msgs/msg/String',
+    )
+
+
+def add_control_options(parser: argparse._ActionsContainer) -> None:
+    """Add when the recording begins."""
+    parser.add_argument(
+        '--start-paused', action='store_true', help='begin paused; a service or a key resumes'
+    )
+
+
+def add_qos_overrides(parser: argparse._ActionsContainer, verb: str) -> None:
+    """Add the file with the quality of service of topics."""
+    parser.add_argument(
+        '--qos-profile-overrides-path',
+        dest='qos_overrides',
+        type=qos_overrides,
+        default={},
+        metavar='FILE',
+        help=f'YAML file with the quality of service to {verb} topics with',
     )
 
 
@@ -64,3 +111,20 @@ def pattern(text: str) -> re.Pattern[str]:
         return re.compile(text)
     except re.error as error:
         raise argparse.ArgumentTypeError(f'{text!r} is not a regular expression: {error}') from None
+
+
+def type_name(text: str) -> str:
+    """Return the name of a type on the command line."""
+    if not _TYPE_NAME.fullmatch(text):
+        raise argparse.ArgumentTypeError(
+            f'{text!r} is not the name of a type, as in std_msgs/msg/String'
+        )
+    return text
+
+
+def qos_overrides(text: str) -> dict[str, dict[str, Any]]:
+    """Return the quality of service of topics in a file that the command line names."""
+    try:
+        return read_qos_overrides(Path(text))
+    except UserError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None

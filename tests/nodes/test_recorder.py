@@ -17,6 +17,7 @@ from builtin_interfaces.msg import Time
 from command_line import wait_for
 from mcap.reader import SeekingReader
 from rcl_interfaces.msg import Log, ParameterEvent
+from rclpy.action import ActionClient, ActionServer
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -27,6 +28,7 @@ from rclpy.qos import (
     ReliabilityPolicy,
 )
 from rclpy.serialization import deserialize_message
+from rclpy.service_introspection import ServiceIntrospectionState
 from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import ColorRGBA, Float64
@@ -42,6 +44,8 @@ from barc_sim.ros.executor import QuickExecutor
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
+
+    from rclpy.action.server import ServerGoalHandle
 
 
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -387,6 +391,128 @@ def test_the_feedback_of_an_action_is_recorded_with_its_definition(
     assert recorder.missing.left_out == {}
 
 
+def overridden(**policies: str | int) -> pytest.MarkDecorator:
+    """Return the mark of a test whose recorder subscribes to `value` with these policies."""
+    return recording(qos_overrides={'/value': policies})
+
+
+@overridden(reliability='best_effort', depth=10)
+def test_an_override_replaces_what_the_publishers_offer(
+    recorder: BagRecorder, talker: Node
+) -> None:
+    # Deep enough for all, as DDS may complete the match only after some of them.
+    publisher = talker.create_publisher(Float64, 'value', 100)
+    weak = talker.create_publisher(Float64, 'value', BEST_EFFORT)
+    recorder.discover()
+    (subscription,) = talker.get_subscriptions_info_by_topic('/value')
+    assert subscription.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    for k in range(50):  # more than the depth of the override
+        publisher.publish(Float64(data=float(k)))
+    weak.publish(Float64(data=-1.0))
+    values = [message.data for message in kept(recorder, '/value', Float64)]
+    assert sorted(values) == [-1.0, *map(float, range(50))]
+
+
+@overridden(durability='volatile')
+@pytest.mark.parametrize('expected', [True, False], ids=['expected', 'found'])
+def test_a_volatile_override_leaves_out_what_a_publisher_has_kept(
+    recorder: BagRecorder, talker: Node, *, expected: bool
+) -> None:
+    publisher = talker.create_publisher(Float64, 'value', LATCHED)
+    publisher.publish(Float64(data=1.0))
+    if expected:
+        recorder.expect({'value': Float64})
+    recorder.discover()
+    publisher.publish(Float64(data=2.0))
+    assert kept(recorder, '/value', Float64) == [Float64(data=2.0)]
+
+
+@overridden(reliability='reliable', durability='transient_local')
+def test_a_publisher_that_does_not_match_the_override_is_named(
+    recorder: BagRecorder, talker: Node
+) -> None:
+    talker.create_publisher(Float64, 'value', BEST_EFFORT)
+    recorder.discover()
+    recorder.discover()
+    why = (
+        'it does not match the quality of service that is set for the topic: '
+        'Best effort publisher and reliable subscription, '
+        'Volatile publisher and transient local subscription'
+    )
+    assert recorder.missing.left_out == {'/value of talker': why}
+    recorder.close()
+    texts = [deserialize_message(m.data, Log).msg for m in messages(recorder.path, '/rosout')]
+    assert texts.count(f'/value of talker is not recorded: {why}') == 1
+
+
+@overridden(reliability='best_effort')
+def test_nothing_over_a_best_effort_override_is_an_unknown_loss(
+    recorder: BagRecorder, talker: Node
+) -> None:
+    talker.create_publisher(Float64, 'value', 10)
+    recorder.discover()
+    why = 'no message arrived from talker, which sends with best effort'
+    assert recorder.missing.unknown == {'/value': why}
+
+
+@recording(topic_types=['std_msgs/msg/Float64'], exclude_topic_types=['std_msgs/msg/ColorRGBA'])
+def test_topics_are_chosen_by_their_type(recorder: BagRecorder, talker: Node) -> None:
+    recorder.expect({'asked': Float64, 'color': ColorRGBA})
+    publishers = [talker.create_publisher(Float64, name, 10) for name in ('asked', 'found')]
+    publishers.append(talker.create_publisher(ColorRGBA, 'color', 10))
+    recorder.discover()
+    for publisher in publishers:
+        publisher.publish(publisher.msg_type())
+    recorder.close()
+    assert recorder.counts == {'/asked': 1, '/found': 1}
+
+
+@recording(include_hidden_topics=True)
+def test_hidden_topics_of_actions_and_services_are_recorded(
+    recorder: BagRecorder,
+    executor: QuickExecutor,
+    talker: Node,
+    spin_until: Callable[[QuickExecutor, Callable[[], object]], None],
+) -> None:
+    from test_msgs.action import Fibonacci  # noqa: PLC0415
+
+    def count(goal: ServerGoalHandle) -> Fibonacci.Result:
+        goal.publish_feedback(Fibonacci.Feedback(sequence=[1, 1, 2]))
+        goal.succeed()
+        return Fibonacci.Result(sequence=[1, 1, 2, 3])
+
+    executor.add_node(talker)
+    server = ActionServer(talker, Fibonacci, 'count', count)
+    client = ActionClient(talker, Fibonacci, 'count')
+    stop = talker.create_service(Trigger, 'stop', lambda _, response: response)
+    stop.configure_introspection(
+        talker.get_clock(), QoSProfile(depth=10), ServiceIntrospectionState.CONTENTS
+    )
+    recorder.discover()
+
+    goal = client.send_goal_async(Fibonacci.Goal(order=4))
+    spin_until(executor, goal.done)
+    result = goal.result().get_result_async()
+    spin_until(executor, result.done)
+    stopped = talker.create_client(Trigger, 'stop').call_async(Trigger.Request())
+    spin_until(executor, stopped.done)
+    client.destroy()
+    server.destroy()
+    recorder.close()
+
+    hidden = {name: count for name, count in recorder.counts.items() if '/_' in name}
+    assert hidden.keys() == {
+        '/count/_action/feedback',
+        '/count/_action/status',
+        '/stop/_service_event',
+    }
+    assert hidden['/count/_action/feedback'] == 1
+    with AnyReader([recorder.path]) as reader:
+        for connection, _, data in reader.messages():
+            reader.deserialize(data, connection.msgtype)  # with the bag's own definitions
+    assert recorder.missing.left_out == {}
+
+
 @recording(use_sim_time=True, exclude=(re.compile('clock'),))
 def test_nothing_before_the_first_clock_is_recorded_and_its_number_is_kept(
     recorder: BagRecorder, talker: Node
@@ -502,6 +628,32 @@ def test_services_pause_and_resume(
     recorder.close()
     assert recorder.counts['/value'] == 1
     assert recorder.missing.lost['/value'] == {}
+
+
+@recording(start_paused=True)
+def test_a_recording_that_starts_paused_begins_with_resume(
+    recorder: BagRecorder, talker: Node
+) -> None:
+    publisher = talker.create_publisher(Float64, 'value', 10)
+    recorder.discover()
+    publisher.publish(Float64(data=1.0))
+    assert recorder.is_paused
+    recorder.announce()
+    recorder.resume()
+    publisher.publish(Float64(data=2.0))
+    assert kept(recorder, '/value', Float64) == [Float64(data=2.0)]
+
+
+def test_messages_around_a_pause_are_recorded(recorder: BagRecorder, talker: Node) -> None:
+    publisher = talker.create_publisher(Float64, 'value', 10)
+    recorder.discover()
+    for value in (1.0, 2.0, 3.0):
+        publisher.publish(Float64(data=value))
+        if value == 1.0:
+            recorder.pause()
+        else:
+            recorder.resume()
+    assert kept(recorder, '/value', Float64) == [Float64(data=1.0), Float64(data=3.0)]
 
 
 def test_a_write_error_ends_the_run(recorder: BagRecorder) -> None:

@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import ArgumentError, ArgumentParser, Namespace
+from typing import TYPE_CHECKING
 
 import pytest
 
 from barc_sim.bags.recording_settings import Recording
-from barc_sim.runs.recording_options import add_recording_options, recording
+from barc_sim.runs.recording_options import (
+    add_control_options,
+    add_qos_overrides,
+    add_recording_options,
+    add_selection_options,
+    recording,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 def parse(*arguments: str) -> Recording:
-    parser = ArgumentParser()
+    parser = ArgumentParser(exit_on_error=False)
     add_recording_options(parser)
+    add_selection_options(parser)
+    add_control_options(parser)
+    add_qos_overrides(parser, 'record')
     return recording(parser.parse_args(arguments))
 
 
@@ -26,14 +39,47 @@ def parse(*arguments: str) -> Recording:
         (('--topics', 'ecu', '--exclude', '^/car2'), {'/ecu'}),
         (('--exclude', '^/car2', '--exclude', 'rosout'), {'/ecu'}),
         (('--topics', '/_'), {'/_hidden', '/arm/_action/status'}),
+        (('--include-hidden-topics', '-x', 'ecu'), {'/rosout', '/_hidden', '/arm/_action/status'}),
+        (('--topic-types', 'rcl_interfaces/msg/Log'), {'/rosout'}),
+        (('--topic-types', 'rcl_interfaces/msg/Log', '--topics', '^/ecu'), {'/rosout', '/ecu'}),
+        (('--exclude-topic-types', 'barc_interfaces/msg/ECU'), {'/rosout'}),
     ],
 )
-def test_regular_expressions_choose_the_recorded_topics(
-    arguments: tuple[str, ...], wanted: set[str]
-) -> None:
-    topics = ('/ecu', '/car2/ecu', '/rosout', '/_hidden', '/arm/_action/status')
-    assert {topic for topic in topics if parse(*arguments).wants(topic)} == wanted
+def test_topics_are_chosen_by_name_and_type(arguments: tuple[str, ...], wanted: set[str]) -> None:
+    topics = {
+        '/ecu': 'barc_interfaces/msg/ECU',
+        '/car2/ecu': 'barc_interfaces/msg/ECU',
+        '/rosout': 'rcl_interfaces/msg/Log',
+        '/_hidden': 'std_msgs/msg/Float64',
+        '/arm/_action/status': 'action_msgs/msg/GoalStatusArray',
+    }
+    chosen = parse(*arguments)
+    assert {name for name, kind in topics.items() if chosen.wants(name, [kind])} == wanted
 
 
 def test_without_options_everything_is_recorded_into_one_file() -> None:
     assert parse() == Recording() == recording(Namespace(speed=8.0))
+
+
+def test_start_paused() -> None:
+    assert parse('--start-paused').start_paused
+
+
+def test_quality_of_service_is_read_from_a_file(tmp_path: Path) -> None:
+    file = tmp_path / 'qos.yaml'
+    file.write_text('/scan: {reliability: best_effort}', encoding='utf-8')
+    settings = parse('--qos-profile-overrides-path', str(file))
+    assert settings.qos_overrides == {'/scan': {'reliability': 'best_effort'}}
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'why'),
+    [
+        (('--topic-types', 'Float64'), "'Float64' is not the name of a type, as in std_msgs/msg/"),
+        (('--topics', '('), r"'\(' is not a regular expression"),
+        (('--qos-profile-overrides-path', '/'), "'/' is a folder"),
+    ],
+)
+def test_a_wrong_value_is_refused(arguments: tuple[str, ...], why: str) -> None:
+    with pytest.raises(ArgumentError, match=why):
+        parse(*arguments)

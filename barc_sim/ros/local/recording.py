@@ -54,7 +54,7 @@ class LocalSubscriptions:
     def discover(self) -> None:
         """Subscribe to each selected topic with a new publisher since the last call."""
         for name, types in self._node.get_topic_names_and_types():
-            is_new = name not in self._subscriptions and self._is_selected(name)
+            is_new = name not in self._subscriptions and self._is_selected(name, types)
             if is_new and self._node.get_publishers_info_by_topic(name):
                 subscription = _RecordedSubscription(self._node, name, types[0], self._store)
                 self._subscriptions[name] = self._node.connect(subscription)

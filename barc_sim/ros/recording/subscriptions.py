@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from typing import TYPE_CHECKING, Any
 
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 
 from barc_sim.errors import UserError
 from barc_sim.ros.peers import of_participant
 from barc_sim.ros.recording.failures import Failures
 from barc_sim.ros.recording.polled import Taker, subscribe
 from barc_sim.ros.recording.topic import RecordedTopic
-from barc_sim.ros.topics import describe, message_class, request
+from barc_sim.ros.topics import describe, message_class, overriding, request, type_name_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from rclpy.node import Node
     from rclpy.subscription import Subscription
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from barc_sim.bags.messages import MessageFields
     from barc_sim.bags.recording_settings import Recording
 
+_ERROR = re.compile('ERROR: ([^;]*);')  # a reason of rmw for a QoS that does not match
 _NAMELESS = '_NODE_NAME_UNKNOWN_'  #: of a node that rmw does not know yet
 
 
@@ -34,12 +36,18 @@ class TopicSubscriptions:
     weak QoS does not weaken the others. A topic that other nodes subscribe to gets a subscription
     with their QoS before it has a publisher: a publisher may send one message and end before it is
     discovered.
+
+    A topic with a QoS of the user's has one subscription, with that QoS.
     """
 
     def __init__(self, node: Node, recording: Recording) -> None:
         self._node = node
         self._is_selected = recording.needs
         self._depth = recording.depth
+        self._overrides = {
+            name: _with_queue(overriding(policies, self._depth), self._depth)
+            for name, policies in recording.qos_overrides.items()
+        }
         self._failures = Failures(node.get_logger())
 
         self._turn = 0  # the place of the topic whose publishers are looked at without a sign
@@ -57,7 +65,7 @@ class TopicSubscriptions:
 
     def expect(self, name: str, message_type: type[Any]) -> None:
         """Subscribe, reliably, to a selected topic before it has a publisher or subscriptions."""
-        if self._is_selected(name) and name not in self._topics:
+        if self._is_selected(name, [type_name_of(message_type)]) and name not in self._topics:
             self._subscribe_early(name, message_type, QoSProfile(depth=self._depth))
 
     def discover(self) -> None:
@@ -69,7 +77,7 @@ class TopicSubscriptions:
         topics = self._node.get_topic_names_and_types()
         self._turn = (self._turn + 1) % max(1, len(topics))
         for place, (name, types) in enumerate(topics):
-            if not self._is_selected(name) or self._failures.is_refused(name, types):
+            if not self._is_selected(name, types) or self._failures.is_refused(name, types):
                 continue
             # To look at each publisher takes long: without a sign of a new one, one topic a call.
             if place == self._turn or self._has_changed(name, types):
@@ -119,6 +127,7 @@ class TopicSubscriptions:
 
     def _subscribe_early(self, name: str, message_type: type[Any], qos: QoSProfile) -> None:
         """Subscribe to a topic that has no publisher yet."""
+        qos = self._overrides.get(name, qos)
         subscription = subscribe(self._node, message_type, name, qos)
         endpoints = self._node.get_subscriptions_info_by_topic(subscription.topic_name)
         recorded = RecordedTopic(describe(name, endpoints), subscriptions=[subscription])
@@ -153,17 +162,14 @@ class TopicSubscriptions:
     def _add_subscriptions(
         self, name: str, recorded: RecordedTopic | None, publishers: Sequence[TopicEndpointInfo]
     ) -> RecordedTopic:
-        """Return the topic with a subscription for each QoS that its publishers offer."""
+        """Return the topic with its subscriptions: for each QoS that its publishers offer."""
         if recorded is None:
             recorded = RecordedTopic(describe(name, publishers))
         elif not (recorded.topic.offered_qos or recorded.route):  # it has had no publisher
             recorded.topic = describe(name, publishers)
         self._failures.check_definition(recorded.topic)
 
-        offered = {_strength(each) for each in publishers}
-        missing = offered - {_strength(each) for each in recorded.subscriptions}
-        for reliability, durability in sorted(missing):  # the strongest first
-            qos = QoSProfile(depth=self._depth, reliability=reliability, durability=durability)
+        for qos in self._missing_profiles(name, recorded, publishers):
             subscription = subscribe(self._node, message_class(recorded.topic.type), name, qos)
             with self._lock:
                 recorded.subscriptions.append(subscription)
@@ -172,6 +178,35 @@ class TopicSubscriptions:
         with self._lock:
             self._topics[name] = recorded
         return recorded
+
+    def _missing_profiles(
+        self, name: str, recorded: RecordedTopic, publishers: Sequence[TopicEndpointInfo]
+    ) -> Iterator[QoSProfile]:
+        """Yield the QoS of each subscription that the topic lacks."""
+        override = self._overrides.get(name)
+        if override:
+            self._check_override(name, override, publishers)
+            if not recorded.subscriptions:
+                yield override
+            return
+
+        offered = {_strength(each) for each in publishers}
+        missing = offered - {_strength(each) for each in recorded.subscriptions}
+        for reliability, durability in sorted(missing):  # the strongest first
+            yield QoSProfile(depth=self._depth, reliability=reliability, durability=durability)
+
+    def _check_override(
+        self, name: str, override: QoSProfile, publishers: Sequence[TopicEndpointInfo]
+    ) -> None:
+        """Warn of publishers whose messages a subscription with the user's QoS does not get."""
+        for publisher in publishers:
+            result, reasons = qos_check_compatible(publisher.qos_profile, override)
+            if result == QoSCompatibility.ERROR and publisher.node_name != _NAMELESS:
+                errors = ', '.join(_ERROR.findall(reasons))
+                self._failures.leave_out(
+                    f'{name} of {publisher.node_name}',
+                    f'it does not match the quality of service that is set for the topic: {errors}',
+                )
 
     def call_when_full(self, write: Callable[[], object]) -> None:
         """Do nothing: the messages wait in the queues of DDS, which never calls."""
@@ -213,6 +248,12 @@ class TopicSubscriptions:
                 for subscription in recorded.subscriptions:
                     self._node.destroy_subscription(subscription)
         self._taker.close()
+
+
+def _with_queue(qos: QoSProfile, depth: int) -> QoSProfile:
+    """Return the QoS with a queue of at least `depth`: this one is emptied ten times a second."""
+    qos.depth = max(qos.depth, depth)
+    return qos
 
 
 def _strength(endpoint: TopicEndpointInfo | Subscription) -> tuple[Any, Any]:

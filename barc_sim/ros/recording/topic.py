@@ -32,16 +32,17 @@ class RecordedTopic:
     route: dict[bytes, int] = field(default_factory=dict)
     losses: Losses = field(default_factory=Losses)
     names: dict[bytes, str] = field(default_factory=dict)  # of the publishers' nodes
-    best_effort: set[bytes] = field(default_factory=set)  # publishers that send nothing again
+    best_effort: set[bytes] = field(default_factory=set)  # publishers: nothing is sent again
     types: list[str] = field(default_factory=list)  # of all publishers and subscriptions
     undelivered: int = 0  #: number of messages that the middleware could not deliver
 
     def add_publishers(self, publishers: Sequence[TopicEndpointInfo]) -> None:
-        """Add the names and reliability of publishers."""
+        """Add the names and reliability of publishers, after their subscriptions."""
+        is_weak = all(_is_best_effort(subscription) for subscription in self.subscriptions)
         for publisher in publishers:
             identity = bytes(publisher.endpoint_gid)
             self.names[identity] = publisher.node_name
-            if publisher.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
+            if is_weak or _is_best_effort(publisher):
                 self.best_effort.add(identity)
 
     def take(self, taker: Taker, maximum: int) -> list[MessageFields]:
@@ -95,3 +96,7 @@ class RecordedTopic:
 
     def _node(self, publisher: bytes) -> str:
         return self.names.get(publisher, publisher.hex())
+
+
+def _is_best_effort(endpoint: TopicEndpointInfo | Subscription) -> bool:
+    return bool(endpoint.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT)
