@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.bags.messages import CDR
+from barc_sim.bags.playback_settings import RATE, Playback
 from barc_sim.cli.parser import ROS_ARGS, accept_ros_args, add_bag, number, show
 from barc_sim.cli.process import require_ros
 from barc_sim.errors import UserError
@@ -29,8 +30,10 @@ if TYPE_CHECKING:
     from barc_sim.bags.contents import Contents
     from barc_sim.cli.parser import Parser
 
-_RATES = (1e-3, 1e3)
-_MAX_OFFSET = 1e9  #: [s]
+_CLOCK_RATES = (1e-3, 1e3)  #: [Hz]
+_MAX_SECONDS = 1e9
+_MAX_TIME = 9e9  #: [s] since the epoch
+_MIN_DURATION = 1e-3  #: [s]
 _CLOCK_RATE = 40.0  #: [Hz] as in ros2 bag play
 
 
@@ -80,28 +83,57 @@ def run_record(options: Namespace) -> int:
 def add_arguments_play(parser: Parser) -> None:
     """Describe the command."""
     parser.description = (
-        'Publish the messages of an MCAP bag of any recorder on their topics, with their quality '
-        'of service and time spacing, as `ros2 bag play` does.'
+        'Publish the messages of MCAP bags of any recorder on their topics, with their quality '
+        'of service and time spacing, as `ros2 bag play` does. Several bags are played as one.'
     )
     parser.epilog = 'Keys: space pauses and resumes, the right arrow steps one message, q ends.'
-    add_bag(parser)
+    parser.add_argument(
+        'bags',
+        nargs='*',
+        type=Path,
+        metavar='BAG',
+        help='directories or files of bags (the newest in ./bags)',
+    )
     parser.add_argument(
         '-r',
         '--rate',
-        type=number(*_RATES),
-        default=1.0,
+        type=number(*RATE.between),
+        default=RATE.default,
         metavar='RATE',
-        help='seconds of the bag played per second (1)',
+        help=f'{RATE.description} ({RATE.default:g})',
     )
     parser.add_argument(
         '-l', '--loop', action='store_true', help='begin again at the end, until Ctrl-C'
     )
     parser.add_argument(
         '--start-offset',
-        type=number(0.0, _MAX_OFFSET),
+        type=number(0.0, _MAX_SECONDS),
         default=0.0,
         metavar='S',
         help='begin at this time after the start of the bag [s]',
+    )
+    parser.add_argument(
+        '--playback-duration',
+        dest='duration',
+        type=number(_MIN_DURATION, _MAX_SECONDS),
+        metavar='S',
+        help='end after this time in the bag [s] (play to its end)',
+    )
+    parser.add_argument(
+        '--playback-until-sec',
+        dest='until',
+        type=number(0.0, _MAX_TIME),
+        metavar='T',
+        help='end at this time of the bag, since 1970 [s]; with --playback-duration, the later '
+        'end counts',
+    )
+    parser.add_argument(
+        '-d',
+        '--delay',
+        type=number(0.0, _MAX_SECONDS),
+        default=0.0,
+        metavar='S',
+        help='wait before the bag begins, each time [s] (0)',
     )
     parser.add_argument('-p', '--start-paused', action='store_true', help='begin paused')
     add_topic_choice(parser, 'play')
@@ -113,9 +145,10 @@ def add_arguments_play(parser: Parser) -> None:
         metavar='OLD:=NEW',
         help='publish a topic under another name, as in /ecu:=/car2/ecu',
     )
+    add_qos_overrides(parser, 'play')
     parser.add_argument(
         '--clock',
-        type=number(*_RATES),
+        type=number(*_CLOCK_RATES),
         nargs='?',
         const=_CLOCK_RATE,
         metavar='HZ',
@@ -127,12 +160,13 @@ def add_arguments_play(parser: Parser) -> None:
 def run_play(options: Namespace) -> int:
     """Play the bag to its end or until a signal; return the exit code."""
     require_ros('barc play')
-    from barc_sim.control.keyboard import Terminal  # noqa: PLC0415 (slow: not for --help)
-    from barc_sim.nodes.player import BagPlayer, Playback  # noqa: PLC0415
+    from barc_sim.bags.reader import newest  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.control.keyboard import Terminal  # noqa: PLC0415
+    from barc_sim.nodes.player import BagPlayer  # noqa: PLC0415
     from barc_sim.ros.process import PLAYER_PROFILES, spin, use_profiles  # noqa: PLC0415
 
     use_profiles(profiles=PLAYER_PROFILES)
-    bag = _bag(options)
+    bags = options.bags or [newest()]
     playback = Playback(**{name: getattr(options, name) for name in Playback._fields})
     ros_args = [*options.ros_args]
     if options.remap:
@@ -143,7 +177,7 @@ def run_play(options: Namespace) -> int:
     with ExitStack() as end:
 
         def create() -> BagPlayer:
-            player = BagPlayer(bag, playback, _show)
+            player = BagPlayer(bags, playback, _show)
             with suppress(UserError):  # without a terminal there are no keys
                 end.enter_context(Terminal()).listen(player.on_key)
             return player

@@ -1,4 +1,8 @@
-"""The node `bag_player`: publishes the messages of a bag on their topics."""
+"""The node `bag_player`: publishes the messages of bags on their topics.
+
+`playback_bags` reads the bags as one, `playback_publishers` has the topics' publishers, and
+`playback_clock` the bag's time, which keys and services control.
+"""
 
 from __future__ import annotations
 
@@ -6,86 +10,47 @@ import gc
 import os
 import sys
 import threading
-import time
-from collections import deque
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from itertools import count, islice
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from rclpy.clock import Clock, ClockType
-from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from barc_sim.bags.bounds import MAX_GAP
-from barc_sim.bags.contents import Contents
-from barc_sim.bags.messages import CDR
-from barc_sim.bags.recording_settings import selected
+from barc_sim.bags.playback_settings import Playback
 from barc_sim.errors import UserError, escaped
 from barc_sim.interfaces.topics import CLOCK
-from barc_sim.nodes.latched_messages import LatchedMessages
-from barc_sim.nodes.playback_clock import PlaybackClock
+from barc_sim.nodes.playback_bags import PlaybackBags
+from barc_sim.nodes.playback_clock import PlaybackClock, Wake
+from barc_sim.nodes.playback_publishers import PlaybackPublishers
 from barc_sim.ros.node_helpers import to_header
-from barc_sim.ros.peers import others_here
-from barc_sim.ros.topics import message_class, offer
 
 if TYPE_CHECKING:
-    import re
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from rclpy.publisher import Publisher
 
-    from barc_sim.bags.messages import BagMessage, Topic
-
 _SHOW_PERIOD = 0.1  #: [s]
-_MATCHING = 1.0  #: [s] without a new subscription after which matching counts as complete
-_MAX_MATCHING = 5.0  #: [s]
-_ACK_TIMEOUT = 3.0  #: [s] to wait until the last messages are acknowledged
-_BATCH = 20  #: messages read at a time
-_BATCHES = 16  #: batches read ahead
 _MAX_GAP = int(MAX_GAP * 1e9)  #: [ns] between two messages; a longer gap is skipped
 _SWITCH = 1e-4  #: [s] after which another thread gives up the interpreter's lock to the player
 
 
-class Playback(NamedTuple):
-    """What to play of a bag, and how."""
-
-    rate: float = 1.0
-    loop: bool = False
-    start_offset: float = 0.0  #: [s]; earlier messages of latched topics are published first, once
-    start_paused: bool = False
-    topics: Sequence[re.Pattern[str]] = ()  #: see `selected`
-    exclude: Sequence[re.Pattern[str]] = ()
-    clock: float | None = None  #: [Hz] of `/clock`; None: only the bag's own, if it has one
-
-
-def _ahead(messages: Iterator[BagMessage]) -> Iterator[BagMessage]:
-    """Yield the messages; a thread reads ahead, so that a large one does not delay the others."""
-    with ThreadPoolExecutor(1) as pool:
-        batches = (pool.submit(list, islice(messages, _BATCH)) for _ in count())
-        ahead = deque(islice(batches, _BATCHES))
-        batch = ahead.popleft().result()
-        while batch:
-            ahead.append(next(batches))
-            yield from batch
-            batch = ahead.popleft().result()
-
-
 class BagPlayer(Node):
-    """Publishes a bag's messages as they were sent: serialized, with their QoS and spacing.
+    """Publishes the messages of bags as they were sent: serialized, with their QoS and spacing.
 
-    A thread of its own publishes; `finished` is done at the end. A topic whose type is not
-    installed is left out, with a warning.
+    A thread of its own publishes; `finished` is done at the end. Several bags are played as one,
+    in order of reception. A topic whose type is not installed is left out, with a warning.
 
-    UserError: there is no bag, or none of its topics can be played.
+    UserError: there is no bag, none of its topics can be played, or there is nothing to play in
+    the time span.
 
     Parameters
     ----------
-    path
-        The MCAP bag, made by any recorder.
+    paths
+        The MCAP bags, made by any recorder.
     playback
         What to play, and how.
     show
@@ -96,23 +61,19 @@ class BagPlayer(Node):
 
     def __init__(
         self,
-        path: Path,
+        paths: Sequence[Path],
         playback: Playback | None = None,
         show: Callable[[str], object] = str,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
         self._playback = playback = playback or Playback()
-        self._contents = Contents(path)
-        self._contents.complete()
-        span = self._contents.span  # of the whole bag; `in_order` replaces it
+        self._bags = PlaybackBags(paths)
+        span = self._bags.span
         self._start = span.start or 0
         self._last = span.end
         self._first = self._start + int(playback.start_offset * 1e9)
-        if self._first > self._last:
-            raise UserError(
-                f'{str(path)!r} has {span.duration / 1e9:.3f} s of messages: give a shorter '
-                '--start-offset'
-            )
+        self._end = playback.end(self._first)
+        self._check_span()
 
         super().__init__('bag_player', **options)
         self.failure: str | None = None  #: why not all was played, in a sentence
@@ -129,14 +90,17 @@ class BagPlayer(Node):
             pause_period=1.0 / playback.clock if playback.clock else None,
             on_pause=self._publish_time,
         )
+        # A service that waits for messages must not delay the end.
+        self.finished.add_done_callback(lambda _: self._playback_clock.stop())
 
-        self._topic_publishers: dict[int, Publisher] = {}  # by the identity of the topic
-        self._create_publishers()
+        try:
+            self._topic_publishers = PlaybackPublishers(self, self._bags, playback)
+        except UserError:
+            self.destroy_node()
+            raise
         self._clock_publisher: Publisher | None = None
-        self._clock_period = 0  # [ns] of the bag's time
         if playback.clock:
             self._clock_publisher = self.create_publisher(ClockMessage, CLOCK, 10)
-            self._clock_period = max(1, int(1e9 * playback.rate / playback.clock))
 
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_SHOW_PERIOD, lambda: show(self.progress), clock=steady)
@@ -144,43 +108,18 @@ class BagPlayer(Node):
         self._thread = threading.Thread(target=self._run, name='player', daemon=True)
         self._thread.start()
 
-    def _create_publishers(self) -> None:
-        """Create the publishers of the topics to play."""
-        names = selected(self._contents.names, self._playback.topics, self._playback.exclude)
-        if self._playback.clock and CLOCK in names:
-            names.remove(CLOCK)
-        for name in names:
-            self._add_publisher(name)
-        if not self._topic_publishers:
-            self.destroy_node()
+    def _check_span(self) -> None:
+        """Refuse a time span without messages."""
+        if self._first > self._last:
             raise UserError(
-                f'{str(self._contents.path)!r} has no topic that can be played: give other --topics'
+                f'{self._bags.name} has {(self._last - self._start) / 1e9:.3f} s of messages: give '
+                'a shorter --start-offset'
             )
-
-    def _add_publisher(self, name: str) -> None:
-        """Add the publisher of a topic: of its first type that can be played."""
-        played: Topic | None = None
-        for topic in self._contents.topics:
-            if topic.name != name:
-                continue
-            try:
-                self._topic_publishers[id(topic)] = self._publisher(topic, played)
-                played = topic
-            except Exception as error:  # noqa: BLE001 (a bag can have any names and types)
-                reason = str(error).partition('\n')[0]
-                what = f'{name} as {topic.type}' if played else name
-                self.get_logger().warning(escaped(f'{what} is not played: {reason}'))
-
-    def _publisher(self, topic: Topic, played: Topic | None) -> Publisher:
-        if played:  # DDS accepts one type of a topic in a participant
-            raise UserError(f'{played.type} is played')
-        if topic.message_encoding != CDR:
-            raise UserError(f'its messages are {topic.message_encoding!r}, and not {CDR!r}')
-        if not topic.type:
-            raise UserError('the bag does not have its type')
-        kind = message_class(topic.type)
-        qos = offer(topic.offered_qos)
-        return self.create_publisher(kind, topic.name, qos)
+        if self._end is not None and self._end < self._first:
+            raise UserError(
+                f'the playback would begin at {self._first / 1e9:.3f} s, after its end at '
+                f'{self._end / 1e9:.3f} s: give a later --playback-until-sec'
+            )
 
     @property
     def progress(self) -> str:
@@ -188,12 +127,17 @@ class BagPlayer(Node):
         now = min(max(self._playback_clock.now, self._first), self._last)
         passed = (now - self._start) / 1e9
         duration = (self._last - self._start) / 1e9
-        pace = 'paused' if self._playback_clock.is_paused else f'x{self._playback.rate:g}'
+        pace = 'paused' if self._playback_clock.is_paused else f'x{self._playback_clock.rate:g}'
         return f'{passed:7.1f} / {duration:.1f} s  {self.played} messages  {pace}'
 
     def on_key(self, key: str) -> None:
         """Handle a key: `space` pauses or resumes, `right` steps, and `quit` ends."""
-        self._playback_clock.press(key)
+        if key == 'space':
+            self._playback_clock.toggle_pause()
+        elif key == 'right':
+            self._playback_clock.add_step()
+        elif key == 'quit':
+            self._playback_clock.stop()
 
     def _run(self) -> None:
         with suppress(OSError):  # without the permission, ordinary threads can delay this one
@@ -203,88 +147,70 @@ class BagPlayer(Node):
         interval = sys.getswitchinterval()
         sys.setswitchinterval(_SWITCH)
         try:
-            self._wait_for_subscriptions()
+            self._topic_publishers.wait_for_subscriptions()
             has_ended = self._play()
             while has_ended and self._playback.loop:
                 has_ended = self._play()
             if has_ended:
-                self._wait_until_acknowledged()
+                self._topic_publishers.wait_until_acknowledged()
         except Exception as error:  # noqa: BLE001 (the thread would end unnoticed)
-            self.failure = f'{str(self._contents.path)!r} was not played to its end: {error}'
+            self.failure = f'{self._bags.name} was not played to its end: {error}'
             self.get_logger().error(escaped(self.failure))
         finally:
             sys.setswitchinterval(interval)
             gc.unfreeze()
             self.finished.set_result(None)
 
-    def _wait_for_subscriptions(self) -> None:
-        """Wait until present subscriptions have matched: they would miss earlier messages."""
-        begin = time.monotonic()
-        changed = begin
-        is_alone = not others_here(self.context.get_domain_id())
-        counts: list[int] = []
-
-        now = begin
-        while now < changed + _MATCHING and now < begin + _MAX_MATCHING:
-            before = counts
-            counts = [each.get_subscription_count() for each in self._topic_publishers.values()]
-            has_found_others = is_alone or len(self.get_node_names()) > 1
-            if counts != before or not has_found_others:
-                changed = now
-            time.sleep(0.02)
-            now = time.monotonic()
-
-    def _wait_until_acknowledged(self) -> None:
-        """Wait until the last messages have arrived, for some seconds at most."""
-        end = time.monotonic() + _ACK_TIMEOUT
-        for publisher in self._topic_publishers.values():
-            left = max(0.0, end - time.monotonic())
-            publisher.wait_for_all_acked(Duration(seconds=left))
-
-    def _messages(self) -> Iterator[BagMessage]:
-        """Yield the messages to play; before the first time, those that latched topics hold."""
-        latched = None if self._has_begun else LatchedMessages(self._first)
-        self._has_begun = True
-        for message in self._contents.in_order():
-            if id(message.topic) not in self._topic_publishers:
-                continue
-            if message.received >= self._first:
-                if latched:
-                    yield from latched.held()
-                    latched = None
-                yield message
-            elif latched:
-                latched.add(message)
-        if latched:
-            yield from latched.held()
-
     def _play(self) -> bool:
-        """Play the bag once; return whether it came to its end."""
-        self._previous = None
-        self._tick = self._first
-        for message in _ahead(self._messages()):
-            is_timed = message.received >= self._first  # others were latched before the start
-            if is_timed and not self._wait_for(message.received):
-                return False
-            self._topic_publishers[id(message.topic)].publish(message.data)
-            self.played += 1
-        return True
+        """Play the bags once; return whether they came to their end."""
+        is_first_time = not self._has_begun
+        self._has_begun = True
+        self._playback_clock.set(self._first)
+        wake = self._playback_clock.delay(self._playback.delay)
+        if wake is Wake.DUE:
+            wake = self._play_from(self._first, with_latched=is_first_time)
+        while wake is Wake.SOUGHT:
+            wake = self._play_from(self._playback_clock.take_sought(), with_latched=True)
+        return wake is Wake.DUE
 
-    def _wait_for(self, received: int) -> bool:
-        """Wait until a message is due; return False at the key `quit`."""
+    def _play_from(self, start: int, *, with_latched: bool) -> Wake:
+        """Play from the bag's time `start` [ns] to the end, and return why it ended."""
+        self._previous = None
+        self._tick = start
+        messages = self._bags.messages(
+            start, self._end, self._topic_publishers.topics, with_latched=with_latched
+        )
+        for message in messages:
+            if message.received >= start:  # others were latched before the start
+                wake = self._wait_for(message.received, start)
+                if wake is not Wake.DUE:
+                    return wake
+            self._topic_publishers.publish(message)
+            self.played += 1
+        return self._playback_clock.wait_at_end()
+
+    def _wait_for(self, received: int, start: int) -> Wake:
+        """Wait until a message is due; the first one after `start` counts from there."""
         if self._previous is None:  # to read the first message took time
-            self._playback_clock.set(self._first)
-            self._previous = self._first
+            self._playback_clock.set(start)
+            self._previous = start
         if abs(received - self._previous) > _MAX_GAP:
             self._skip_gap(self._previous, received)
         self._previous = received
 
         while self._clock_publisher and self._tick <= received:
-            if not self._playback_clock.wait_until(self._tick, is_message=False):
-                return False
+            wake = self._playback_clock.wait_until(self._tick, is_message=False)
+            if wake is not Wake.DUE:
+                return wake
             self._publish_clock(self._tick)
             self._tick += self._clock_period
         return self._playback_clock.wait_until(received)
+
+    @property
+    def _clock_period(self) -> int:
+        """The bag's time between two messages on `/clock` [ns]."""
+        frequency = self._playback.clock or 1.0
+        return max(1, int(1e9 * self._playback_clock.rate / frequency))
 
     def _skip_gap(self, before: int, to: int) -> None:
         """Continue with the bag's time `to` [ns], and warn of it."""
@@ -306,7 +232,7 @@ class BagPlayer(Node):
 
     def destroy_node(self) -> None:
         """End the playback and destroy the node."""
-        self._playback_clock.press('quit')
+        self._playback_clock.stop()
         if self._thread and self._thread is not threading.current_thread():
             self._thread.join()
         super().destroy_node()

@@ -20,9 +20,10 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
 from barc_sim.bags.messages import BagMessage, Topic, topic
+from barc_sim.bags.playback_settings import Playback
 from barc_sim.bags.writer import BagWriter
 from barc_sim.errors import UserError
-from barc_sim.nodes.player import BagPlayer, Playback
+from barc_sim.nodes.player import BagPlayer
 from barc_sim.ros.executor import QuickExecutor
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ def bag(tmp_path: Path) -> Path:
 class Played:
     """A player with a listener that keeps what arrives on each topic."""
 
-    def __init__(self, ros: Context, bag: Path, **settings: Any) -> None:  # noqa: ANN401
+    def __init__(self, ros: Context, bags: Sequence[Path], **settings: Any) -> None:  # noqa: ANN401
         self.arrived: dict[str, list[int]] = {}
         self.times: list[float] = []
         self.listener = Node('listener', context=ros)
@@ -62,7 +63,7 @@ class Played:
             self.listen(name)
         self.listener.create_subscription(Clock, '/clock', self.on_clock, 100)
         self.clocks: list[int] = []
-        self.player = BagPlayer(bag, Playback(**settings), context=ros)
+        self.player = BagPlayer(bags, Playback(**settings), context=ros)
         self.executor = QuickExecutor(2, context=ros)
         for node in (self.listener, self.player):
             self.executor.add_node(node)
@@ -92,11 +93,11 @@ def play(
     ros: Context, bag: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[Callable[..., Played]]:
     """Return a function that plays the bag with the given settings."""
-    monkeypatch.setattr('barc_sim.nodes.player._MATCHING', 0.2)
+    monkeypatch.setattr('barc_sim.nodes.playback_publishers._MATCHING', 0.2)
     made: list[Played] = []
 
-    def begin(bag: Path = bag, **settings: Any) -> Played:  # noqa: ANN401
-        made.append(Played(ros, bag, **settings))
+    def begin(*bags: Path, **settings: Any) -> Played:  # noqa: ANN401
+        made.append(Played(ros, bags or [bag], **settings))
         return made[-1]
 
     yield begin
@@ -157,7 +158,7 @@ def test_an_offset_begins_with_what_latched_topics_hold_once(
     times += [(log, k, 9 * SECOND + k) for k in (2, 3, 4)]
     times += [(plain, k, k * SECOND) for k in range(12)] + [(static, 9, 11 * SECOND)]
     latched = written(tmp_path / 'latched', sorted(times, key=itemgetter(2)))
-    played = play(bag=latched, start_offset=10.0, rate=20.0, loop=True)
+    played = play(latched, start_offset=10.0, rate=20.0, loop=True)
     spin_until(played.executor, lambda: len(played.arrived.get('moved', [])) >= 4)
     played.player.on_key('quit')
     spin_until(played.executor, played.player.finished.done)
@@ -195,6 +196,82 @@ def test_a_latched_topic_holds_for_its_lifespan(lifespan: object, held: float) -
     assert latch(recorded[1:]) is None
 
 
+def test_several_bags_are_played_as_one_in_order_of_reception(
+    play: Callable[..., Played], spin_until: Callable[..., None], tmp_path: Path
+) -> None:
+    a, moved = (topic(name, 'std_msgs/msg/Header') for name in ('/a', '/moved'))
+    first = written(tmp_path / 'first', [(a, k, k * SECOND) for k in (1, 2, 5)])
+    second = written(tmp_path / 'second', [(a, 3, 3 * SECOND), (moved, 4, 4 * SECOND)])
+    # At one time, the message of the earlier bag comes first.
+    third = written(tmp_path / 'third', [(a, 6, 5 * SECOND), (moved, 7, 6 * SECOND)])
+    played = play(first, second, third, rate=20.0)
+    spin_until(played.executor, played.player.finished.done)
+    spin_until(played.executor, lambda: len(played.times) == 7)
+    assert played.arrived == {'a': [1, 2, 3, 5, 6], 'moved': [4, 7]}
+    assert played.listener.count_publishers('/a') == 1
+    assert played.player.progress.strip() == '5.0 / 5.0 s  7 messages  x20'
+
+
+def test_records_of_a_topic_with_another_qos_have_one_publisher_that_serves_all(
+    play: Callable[..., Played], spin_until: Callable[..., None], tmp_path: Path
+) -> None:
+    poor = header_topic('/a', {'reliability': 'best_effort', 'durability': 'volatile'})
+    rich = header_topic('/a', LATCHED_QOS)
+    played = play(written(tmp_path / 'two', [(poor, 1, 1), (rich, 2, 2), (poor, 3, 3)]))
+    (publisher,) = played.listener.get_publishers_info_by_topic('/a')
+    spin_until(played.executor, lambda: len(played.arrived.get('a', [])) == 3)
+    assert played.arrived == {'a': [1, 2, 3]}
+    assert publisher.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+    assert publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+
+
+@pytest.mark.parametrize(
+    ('settings', 'played_messages'),
+    [
+        ({'duration': 0.5}, [*range(6)]),
+        ({'start_offset': 0.2, 'duration': 0.3}, [2, 3, 4, 5]),
+        ({'until': 5.5}, [*range(6)]),
+        ({'until': 5.5, 'duration': 0.7}, [*range(8)]),  # the later end counts
+    ],
+    ids=str,
+)
+def test_the_playback_ends_at_a_time(
+    play: Callable[..., Played],
+    spin_until: Callable[..., None],
+    settings: dict[str, float],
+    played_messages: list[int],
+) -> None:
+    played = play(rate=50.0, topics=[re.compile('/a')], **settings)
+    spin_until(played.executor, played.player.finished.done)
+    spin_until(played.executor, lambda: len(played.times) == len(played_messages))
+    assert played.arrived == {'a': played_messages}
+
+
+def test_each_turn_of_a_loop_begins_after_the_delay(
+    play: Callable[..., Played], spin_until: Callable[..., None], tmp_path: Path
+) -> None:
+    one = written(tmp_path / 'one', [(topic('/a', 'std_msgs/msg/Header'), 1, SECOND)])
+    begin = time.monotonic()
+    played = play(one, loop=True, delay=0.3, clock=100.0)
+    spin_until(played.executor, lambda: len(played.times) >= 2)
+    assert played.times[1] - begin >= 0.6
+    assert {*played.clocks} == {SECOND}  # it is published during the delay, too
+    assert len(played.clocks) > 2
+
+
+def test_a_topic_has_the_qos_that_the_user_sets(
+    play: Callable[..., Played], spin_until: Callable[..., None]
+) -> None:
+    overrides = {'/a': {'durability': 'transient_local', 'lifespan': {'sec': 7, 'nsec': 0}}}
+    played = play(rate=50.0, qos_overrides=overrides)
+    (changed,) = played.listener.get_publishers_info_by_topic('/a')
+    (other,) = played.listener.get_publishers_info_by_topic('/b')
+    spin_until(played.executor, lambda: len(played.times) == 20)
+    assert changed.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    assert changed.qos_profile.lifespan.nanoseconds == 7 * SECOND
+    assert other.qos_profile.durability == DurabilityPolicy.VOLATILE
+
+
 @pytest.mark.parametrize('clock', [None, 40.0], ids=['no clock', 'clock'])
 def test_a_gap_of_years_is_skipped_with_a_warning(
     play: Callable[..., Played],
@@ -206,7 +283,7 @@ def test_a_gap_of_years_is_skipped_with_a_warning(
     plain, year = topic('/a', 'std_msgs/msg/Header'), 31_536_000 * SECOND
     times = [4 * SECOND, 5 * SECOND, 57 * year, 57 * year + SECOND]
     early = written(tmp_path / 'early', [(plain, k, at) for k, at in enumerate(times)])
-    played = play(bag=early, rate=20.0, clock=clock)
+    played = play(early, rate=20.0, clock=clock)
     spin_until(played.executor, played.player.finished.done)
     spin_until(played.executor, lambda: len(played.arrived.get('a', [])) == 4)
     assert played.arrived == {'a': [0, 1, 2, 3]}
@@ -231,7 +308,7 @@ def test_of_two_types_of_a_topic_the_first_is_played(
     foreign = replace(plain, name='/b', message_encoding='json')
     nameless = replace(plain, name='/c', type='', schema_encoding=None)
     messages = [(plain, 1, 1), (other, 2, 2), (foreign, 3, 3), (nameless, 4, 4), (plain, 5, 5)]
-    played = play(bag=written(tmp_path / 'two', messages))
+    played = play(written(tmp_path / 'two', messages))
     spin_until(played.executor, played.player.finished.done)
     spin_until(played.executor, lambda: len(played.arrived.get('a', [])) == 2)
     assert played.arrived == {'a': [1, 5]}
@@ -287,9 +364,16 @@ def test_a_topic_has_the_recorded_qos(
 
 def test_what_cannot_be_played_is_one_sentence(ros: Context, bag: Path) -> None:
     with pytest.raises(UserError, match=r'has 0\.900 s of messages: give a shorter --start-offset'):
-        BagPlayer(bag, Playback(start_offset=1.0), context=ros)
+        BagPlayer([bag], Playback(start_offset=1.0), context=ros)
+    with pytest.raises(
+        UserError,
+        match=r'would begin at 5\.500 s, after its end at 5\.400 s: give a later --playback',
+    ):
+        BagPlayer([bag], Playback(start_offset=0.5, until=5.4), context=ros)
+    with pytest.raises(UserError, match=r"bag' with '.*bag' has 0\.900 s of messages"):
+        BagPlayer([bag, bag], Playback(start_offset=1.0), context=ros)
     with pytest.raises(UserError, match='has no topic that can be played'):
-        BagPlayer(bag, Playback(topics=[re.compile('/c')]), context=ros)
+        BagPlayer([bag], Playback(topics=[re.compile('/c')]), context=ros)
 
 
 @pytest.mark.parametrize(
@@ -314,7 +398,7 @@ def test_a_topic_that_rcl_refuses_is_left_out(
     writer.write([BagMessage(refused, bytes(16), 5 * SECOND, 0, 1)])
     writer.close()
     with pytest.raises(UserError, match='has no topic that can be played'):
-        BagPlayer(bag, context=ros)
+        BagPlayer([bag], context=ros)
 
 
 def test_the_command_plays_under_other_names_and_names_what_it_cannot_play(
