@@ -13,6 +13,9 @@ if TYPE_CHECKING:
 RATE = ParameterDeclaration(
     'rate', 1.0, 'seconds of the bag played per second', between=(1e-3, 1e3)
 )
+SEEK_TO = ParameterDeclaration(
+    'seek_to', 0.0, 'set it to continue at this time after the start of the bag [s]'
+)
 
 
 class Playback(NamedTuple):

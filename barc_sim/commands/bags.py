@@ -86,7 +86,11 @@ def add_arguments_play(parser: Parser) -> None:
         'Publish the messages of MCAP bags of any recorder on their topics, with their quality '
         'of service and time spacing, as `ros2 bag play` does. Several bags are played as one.'
     )
-    parser.epilog = 'Keys: space pauses and resumes, the right arrow steps one message, q ends.'
+    parser.epilog = (
+        'Keys: space pauses and resumes, the right arrow steps one message, up and down change the '
+        'rate, q ends. Services: bag_player/pause, resume, toggle_paused, play_next and stop '
+        '(std_srvs/srv/Trigger). Parameters of bag_player: rate, and seek_to.'
+    )
     parser.add_argument(
         'bags',
         nargs='*',
@@ -179,7 +183,7 @@ def run_play(options: Namespace) -> int:
         def create() -> BagPlayer:
             player = BagPlayer(bags, playback, _show)
             with suppress(UserError):  # without a terminal there are no keys
-                end.enter_context(Terminal()).listen(player.on_key)
+                end.enter_context(Terminal()).listen(player.controls.on_key)
             return player
 
         player = spin(create, ros_args)

@@ -128,7 +128,14 @@ NODES = {
     'bag_player': NodeDescription(
         module='barc_sim.nodes.player',
         class_name='BagPlayer',
-        purpose='publishes the messages of a bag on their topics',
+        purpose='publishes the messages of bags on their topics',
+        serves=(
+            services.PAUSE_PLAYER,
+            services.RESUME_PLAYER,
+            services.TOGGLE_PLAYER,
+            services.STEP_PLAYER,
+            services.STOP_PLAYER,
+        ),
         needs_arguments=True,
     ),
 }

@@ -1,7 +1,8 @@
 """The node `bag_player`: publishes the messages of bags on their topics.
 
 `playback_bags` reads the bags as one, `playback_publishers` has the topics' publishers, and
-`playback_clock` the bag's time, which keys and services control.
+`playback_clock` the bag's time, which keys, parameters and services control (`playback_controls`,
+`playback_rosbag2`).
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ from barc_sim.errors import UserError, escaped
 from barc_sim.interfaces.topics import CLOCK
 from barc_sim.nodes.playback_bags import PlaybackBags
 from barc_sim.nodes.playback_clock import PlaybackClock, Wake
+from barc_sim.nodes.playback_controls import PlaybackControls
 from barc_sim.nodes.playback_publishers import PlaybackPublishers
+from barc_sim.nodes.playback_rosbag2 import Rosbag2PlayerServices
 from barc_sim.ros.node_helpers import to_header
 
 if TYPE_CHECKING:
@@ -41,8 +44,11 @@ _SWITCH = 1e-4  #: [s] after which another thread gives up the interpreter's loc
 class BagPlayer(Node):
     """Publishes the messages of bags as they were sent: serialized, with their QoS and spacing.
 
-    A thread of its own publishes; `finished` is done at the end. Several bags are played as one,
-    in order of reception. A topic whose type is not installed is left out, with a warning.
+    A thread of its own publishes; `finished` is done at the end. `controls` pause it, step, change
+    its rate and let it continue elsewhere, by keys, parameters and services.
+
+    Several bags are played as one, in order of reception. A topic whose type is not installed is
+    left out, with a warning.
 
     UserError: there is no bag, none of its topics can be played, or there is nothing to play in
     the time span.
@@ -102,6 +108,16 @@ class BagPlayer(Node):
         if playback.clock:
             self._clock_publisher = self.create_publisher(ClockMessage, CLOCK, 10)
 
+        self.controls = PlaybackControls(
+            self,
+            self._playback_clock,
+            start=self._start,
+            first=self._first,
+            last=self._last if self._end is None else min(self._last, self._end),
+        )
+        with suppress(ModuleNotFoundError):  # rosbag2's types are not installed
+            Rosbag2PlayerServices(self, self._playback_clock, self.controls)
+
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_SHOW_PERIOD, lambda: show(self.progress), clock=steady)
 
@@ -129,15 +145,6 @@ class BagPlayer(Node):
         duration = (self._last - self._start) / 1e9
         pace = 'paused' if self._playback_clock.is_paused else f'x{self._playback_clock.rate:g}'
         return f'{passed:7.1f} / {duration:.1f} s  {self.played} messages  {pace}'
-
-    def on_key(self, key: str) -> None:
-        """Handle a key: `space` pauses or resumes, `right` steps, and `quit` ends."""
-        if key == 'space':
-            self._playback_clock.toggle_pause()
-        elif key == 'right':
-            self._playback_clock.add_step()
-        elif key == 'quit':
-            self._playback_clock.stop()
 
     def _run(self) -> None:
         with suppress(OSError):  # without the permission, ordinary threads can delay this one

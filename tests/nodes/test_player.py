@@ -160,7 +160,7 @@ def test_an_offset_begins_with_what_latched_topics_hold_once(
     latched = written(tmp_path / 'latched', sorted(times, key=itemgetter(2)))
     played = play(latched, start_offset=10.0, rate=20.0, loop=True)
     spin_until(played.executor, lambda: len(played.arrived.get('moved', [])) >= 4)
-    played.player.on_key('quit')
+    played.player.controls.on_key('quit')
     spin_until(played.executor, played.player.finished.done)
     assert played.arrived['moved'][:4] == [10, 11] * 2
     assert played.arrived['a'][:4] == [1, 2, 9, 9]
@@ -326,7 +326,7 @@ def test_excluded_topics_are_not_played_and_a_loop_begins_again(
     spin_until(played.executor, lambda: len(played.arrived.get('b', [])) >= 20)
     assert played.arrived['b'][:20] == [*range(10)] * 2
     assert 'a' not in played.arrived
-    played.player.on_key('quit')
+    played.player.controls.on_key('quit')
     spin_until(played.executor, played.player.finished.done)
 
 
@@ -335,11 +335,11 @@ def test_the_right_arrow_steps_one_message_and_space_goes_on(
 ) -> None:
     played = play(rate=100.0, start_paused=True)
     for count in (1, 2, 3):
-        played.player.on_key('right')
+        played.player.controls.on_key('right')
         spin_until(played.executor, lambda count=count: len(played.times) == count)
     assert played.player.progress.endswith('paused')
     assert played.arrived == {'a': [0, 1], 'b': [0]}
-    played.player.on_key('space')
+    played.player.controls.on_key('space')
     spin_until(played.executor, lambda: len(played.times) == 20)
 
 
