@@ -20,7 +20,7 @@ from barc_sim.errors import UserError
 if TYPE_CHECKING:
     import argparse
 
-_SUBMISSION = Path(__file__).with_name('submission')
+_SUBMISSION = Path(__file__).parents[1] / 'submission'
 #: The line of the controller that differs from student to student.
 _KP_LINE = 'KP = 30.0'
 

@@ -45,9 +45,11 @@ TEXTS = (
 def damage(content: bytes, chance: Random) -> bytes:
     """Return it with a few bytes changed, cut or inserted."""
     changed = bytearray(content)
+
     for _ in range(chance.randint(1, 8)):
         at = chance.randrange(len(changed) + 1)
         length = min(int(chance.expovariate(0.05)) + 1, 2000)
+
         match chance.choice(('change', 'cut', 'insert', 'end')):
             case 'change':
                 changed[at : at + length] = chance.randbytes(len(changed[at : at + length]))
@@ -58,19 +60,24 @@ def damage(content: bytes, chance: Random) -> bytes:
             case _:
                 if chance.random() < 0.1:  # noqa: PLR2004 (else most files would be short)
                     del changed[at:]
+
     return bytes(changed)
 
 
 def number(code: str, raw: bytes, chance: Random) -> bytes:
     """Return another number of the same size, little-endian."""
     size = struct.calcsize(code)
-    most = (1 << 8 * size) - 1
+    maximum = (1 << 8 * size) - 1
+    half = maximum >> 1
     value = int.from_bytes(raw[:size], 'little')
-    others = (0, 1, 2, most, most - 1, most >> 1, (most >> 1) + 1, value + 1, value - 1, value * 2)
-    changed = chance.choice(
-        (*others, value ^ 1 << chance.randrange(8 * size), chance.randint(0, most))
+
+    numbers = (
+        *(0, 1, 2, maximum, maximum - 1, half, half + 1),
+        *(value + 1, value - 1, value * 2),
+        value ^ 1 << chance.randrange(8 * size),  # one bit is another
+        chance.randint(0, maximum),
     )
-    return (changed & most).to_bytes(size, 'little')
+    return (chance.choice(numbers) & maximum).to_bytes(size, 'little')
 
 
 def text(data: bytes, chance: Random) -> bytes:

@@ -39,44 +39,50 @@ _METADATA: tuple[dict[str, str], ...] = (
 
 
 def channels(chance: Random, *, whole: bool) -> bytes:
-    """Return a file with a few channels and messages; `whole` marks it for `differences`."""
+    """Return a file with a few channels and messages; `whole` marks it for `check_same`."""
     stream = io.BytesIO()
     writer = Writer(stream, compression=CompressionType.ZSTD)
     writer.start('ros2', _WHOLE if whole else '')
-    schemas = [0]
+
+    schemas = [0]  # none
     for _ in range(chance.randint(0, 5)):
         name = chance.choice(_NAMES)
         encoding = chance.choice(_SCHEMAS)
         schemas.append(writer.register_schema(name, encoding, chance.choice(_TEXTS)))
+
     for number in range(chance.randint(1, 8)):
         metadata = dict(chance.choice(_METADATA), number=str(number))
         topic = chance.choice(_TOPICS)
         encoding = chance.choice(_MESSAGES)
         channel = writer.register_channel(topic, encoding, chance.choice(schemas), metadata)
+
         for sequence in range(chance.randint(1, 20)):
             received = chance.choice((0, 10**18, 10**18 + sequence, 2**63))
             writer.add_message(channel, received, chance.choice(_DATA), sequence, sequence)
+
     writer.finish()  # type: ignore[no-untyped-call]
     return stream.getvalue()
 
 
 def check_same(before: Path, after: Path) -> None:
     """Raise an AssertionError if a whole file's channels and messages are not those of `after`."""
-    if _WHOLE.encode() in before.read_bytes()[:200] and _found(before) != _found(after):
-        raise AssertionError(f'{_found(before)} has become {_found(after)}')
+    is_whole = _WHOLE.encode() in before.read_bytes()[:200]
+    if is_whole and _messages(before) != _messages(after):
+        raise AssertionError(f'{_messages(before)} has become {_messages(after)}')
 
 
-def _found(path: Path) -> list[Any]:
-    """Return what a file holds, read by mcap's own reader, in an order of its own."""
+def _messages(path: Path) -> list[Any]:
+    """Return the messages of a file with their channels, in an order that no reader changes."""
+    messages = []
     with path.open('rb') as stream:
-        found = [
-            (
-                channel.topic,
-                channel.message_encoding,
-                sorted(channel.metadata.items()),
-                schema and (schema.name, schema.encoding, schema.data),
-                (message.sequence, message.log_time, message.publish_time, message.data),
+        for schema, channel, message in SeekingReader(stream).iter_messages():
+            messages.append(
+                (
+                    channel.topic,
+                    channel.message_encoding,
+                    sorted(channel.metadata.items()),
+                    schema and (schema.name, schema.encoding, schema.data),
+                    (message.sequence, message.log_time, message.publish_time, message.data),
+                )
             )
-            for schema, channel, message in SeekingReader(stream).iter_messages()
-        ]
-    return sorted(found, key=repr)
+    return sorted(messages, key=repr)

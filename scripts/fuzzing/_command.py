@@ -8,8 +8,9 @@ import sys
 import tempfile
 import time
 import traceback
+from math import inf
 from types import ModuleType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 from _trial import HANG, RESULT, SENTENCE, TRACEBACK
 
@@ -19,14 +20,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-_PATIENCE = 60.0  #: [s] for a command on a busy machine
-_ANSWERS = (0, 1, 2)  #: exit codes
+_TIMEOUT = 60.0  #: [s] for a command on a busy machine
+_EXIT_CODES = (0, 1, 2)  #: of a command that has given a result or a sentence
 INTERRUPTED = (-signal.SIGINT, 128 + signal.SIGINT)
-#: What no user should read: the interpreter's, or a library's, in place of a sentence.
+#: What no user should read in place of a sentence: the interpreter's text, or a library's.
 _FAULTS = ('Traceback (most recent call last)', 'Fatal Python error', 'terminate called', ' at 0x')
 
 
-class Ended(NamedTuple):
+class CommandEnd(NamedTuple):
     """How a command ended: its exit code, None if it had to be ended; and what it printed."""
 
     code: int | None
@@ -37,30 +38,44 @@ def run(
     words: list[str],
     folder: Path,
     prepare: Callable[[], None] = lambda: None,
-    live: float | None = None,
-) -> Ended:
-    """Run `barc` with `words` in `folder`, in a copy of this process, after `prepare`.
+    duration: float | None = None,
+) -> CommandEnd:
+    """Run `barc` in a copy of this process.
 
-    After `live` [s] it is asked to stop, as by Ctrl-C.
+    Parameters
+    ----------
+    words
+        The command and its options.
+    folder
+        The working directory.
+    prepare
+        Is called in the new process first.
+    duration
+        [s] After it the command is asked to stop, as by Ctrl-C; None: never.
     """
     with tempfile.TemporaryFile() as output:
         child = os.fork()
         if not child:
-            _child(words, folder, prepare, output.fileno())
-        code = _wait(child, live)
+            _run_in_child(words, folder, prepare, output.fileno())
+        code = _wait(child, duration)
         output.seek(0)
-        return Ended(code, output.read(1 << 20).decode(errors='replace'))
+        return CommandEnd(code, output.read(1 << 20).decode(errors='replace'))
 
 
-def _child(words: list[str], folder: Path, prepare: Callable[[], None], output: int) -> None:
+def _run_in_child(
+    words: list[str], folder: Path, prepare: Callable[[], None], output: int
+) -> NoReturn:
     code = 3
     try:
         os.setsid()
         signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background
         sys.modules['__main__'] = ModuleType('__main__')  # else its own processes begin with ours
+
         null = os.open(os.devnull, os.O_RDONLY)
-        for here, there in ((null, 0), (output, 1), (output, 2)):
-            os.dup2(here, there)
+        os.dup2(null, 0)
+        os.dup2(output, 1)
+        os.dup2(output, 2)
+
         os.chdir(folder)
         prepare()
         code = main(words)
@@ -74,29 +89,34 @@ def _child(words: list[str], folder: Path, prepare: Callable[[], None], output: 
         os._exit(code)
 
 
-def _wait(child: int, live: float | None) -> int | None:
+def _wait(child: int, duration: float | None) -> int | None:
     """Return the exit code of a process, minus the signal that ended it; None where it hangs."""
-    began = time.monotonic()
-    asked = live is None
-    while (since := time.monotonic() - began) < _PATIENCE:
+    start = time.monotonic()
+    stop_time = inf if duration is None else start + duration
+    is_stopping = False
+    while time.monotonic() < start + _TIMEOUT:
         pid, status = os.waitpid(child, os.WNOHANG)
         if pid:
             code = os.waitstatus_to_exitcode(status)
-            return 0 if live is not None and asked and code in INTERRUPTED else code
-        if live is not None and not asked and since > live:
+            return 0 if is_stopping and code in INTERRUPTED else code
+
+        if not is_stopping and time.monotonic() > stop_time:
             os.kill(child, signal.SIGINT)
-            asked = True
+            is_stopping = True
         time.sleep(0.01)
+
     os.killpg(child, signal.SIGKILL)
     os.waitpid(child, 0)
     return None
 
 
-def judge(ended: Ended) -> tuple[str, str]:
-    """Return the outcome, and why it is a failure, or ''."""
-    last = '\n'.join(ended.text.splitlines()[-30:])
-    if ended.code is None:
-        return HANG, f'no end within {_PATIENCE:g} s\n{last}'
-    if ended.code not in _ANSWERS or any(fault in ended.text for fault in _FAULTS):
-        return TRACEBACK, f'exit code {ended.code}\n{last}'
-    return (SENTENCE if ended.code else RESULT), ''
+def judge(end: CommandEnd) -> tuple[str, str]:
+    """Return the outcome, and the reason if it is a failure, or ''."""
+    last_lines = '\n'.join(end.text.splitlines()[-30:])
+    if end.code is None:
+        return HANG, f'no end within {_TIMEOUT:g} s\n{last_lines}'
+    if end.code not in _EXIT_CODES or any(fault in end.text for fault in _FAULTS):
+        return TRACEBACK, f'exit code {end.code}\n{last_lines}'
+    if end.code:
+        return SENTENCE, ''
+    return RESULT, ''

@@ -35,9 +35,11 @@ def main(args: list[str] | None = None) -> int:
     )
     parser.add_argument('--save', type=Path, metavar='DIR', help='keep the files that fail here')
     options = parser.parse_args(args)
+
     os.environ.setdefault('ROS_DOMAIN_ID', str(100 + os.getpid() % 100))  # beside other work
     kind: Any = importlib.import_module(options.kind)
     kind.original()  # before the processes begin, which share it
+
     trials_by_damage: dict[str, list[Trial]] = defaultdict(list)
     failures = 0
     numbers = range(options.first, options.first + options.n)
@@ -49,12 +51,14 @@ def main(args: list[str] | None = None) -> int:
 
     for trial in attempts:
         trials_by_damage[trial.damaged].append(trial)
-        if trial.outcome in (RESULT, SENTENCE):
+        if not trial.is_failure:
             continue
+
         failures += 1
-        print(f'{trial.number}: {trial.outcome}: {trial.why}', file=sys.stderr, flush=True)
+        print(f'{trial.number}: {trial.outcome}: {trial.reason}', file=sys.stderr, flush=True)
         if options.save and not runs_by_itself:
             _save(kind, options.seed, trial.number, options.save)
+
     print(table(trials_by_damage))
     return 1 if failures else 0
 

@@ -12,7 +12,7 @@ import zstandard
 from mcap.opcode import Opcode
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
 MAGIC = b'\x89MCAP0\r\n'
 #: The fields of each kind of record: numbers as in `struct`, and by the size of their length
@@ -40,11 +40,22 @@ _FIELDS = {
     Opcode.SUMMARY_OFFSET: 'kind B, start Q, length Q',
     Opcode.DATA_END: 'crc I',
 }
-FIELDS: dict[int, dict[str, str]] = {
-    kind: {name: code for name, _, code in (each.rpartition(' ') for each in text.split(', '))}
-    for kind, text in _FIELDS.items()
-}
+
+
+def _fields(text: str) -> dict[str, str]:
+    """Return the code of each field, by its name."""
+    codes = {}
+    for declaration in text.split(', '):
+        name, _, code = declaration.rpartition(' ')
+        codes[name] = code
+    return codes
+
+
+#: By kind of record, the code of each field.
+FIELDS: dict[int, dict[str, str]] = {kind: _fields(text) for kind, text in _FIELDS.items()}
+#: By the code of a field, the number that stands before it: the size of its data.
 _LENGTHS = {'s': 'I', 'm': 'I', 'a': 'I', 'd': 'I', 'D': 'Q'}
+_FOOTER = struct.Struct('<QQI')
 
 
 @dataclass
@@ -72,24 +83,33 @@ class Record:
             return {}
 
     def _fields(self) -> dict[str, bytes]:
-        found = {}
+        fields = {}
         at = 0
         for name, code in FIELDS[self.kind].items():
             if code == 'r':
                 size = len(self.body) - at
             elif code in _LENGTHS:
                 prefix = '<' + _LENGTHS[code]
-                size = struct.calcsize(prefix) + struct.unpack_from(prefix, self.body, at)[0]
+                (length,) = struct.unpack_from(prefix, self.body, at)
+                size = struct.calcsize(prefix) + length
             else:
                 size = struct.calcsize(code)
-            found[name] = self.body[at : at + size]
+
+            fields[name] = self.body[at : at + size]
             at += size
-        return found
+        return fields
 
     def packed(self) -> bytes:
         """Return it as it stands in a file."""
         length = len(self.body) if self.length is None else self.length
         return struct.pack('<BQ', self.kind, length) + self.body
+
+
+def with_inner(file_records: Iterable[Record]) -> Iterator[Record]:
+    """Yield each record, and after it those that are in it."""
+    for record in file_records:
+        yield record
+        yield from record.inner
 
 
 def with_length(code: str, data: bytes) -> bytes:
@@ -107,12 +127,13 @@ def records(content: bytes) -> Iterator[Record]:
     at = len(MAGIC) if content.startswith(MAGIC) else 0
     while at + 9 <= len(content) and content[at] in FIELDS:
         kind, length = struct.unpack_from('<BQ', content, at)
-        record = Record(kind, content[at + 9 : at + 9 + length])
+        end = at + 9 + length
+        record = Record(kind, content[at + 9 : end])
         if kind == Opcode.CHUNK:
             packed = without_length('D', record.fields()['records'])
             record.inner = list(records(zstandard.ZstdDecompressor().decompress(packed)))
         yield record
-        at += 9 + length
+        at = end
 
 
 _COMPRESSORS = {
@@ -124,10 +145,11 @@ _COMPRESSORS = {
 
 def pack_chunk(chunk: Record, compression: bytes, *, checked: bool) -> None:
     """Compress a chunk's records, after they were damaged, with the right checksum or none."""
-    data = b''.join(record.packed() for record in chunk.inner)
     fields = chunk.fields()
     if not fields:
         return
+
+    data = b''.join(record.packed() for record in chunk.inner)
     fields |= {
         'size': struct.pack('<Q', len(data)),
         'crc': struct.pack('<I', zlib.crc32(data) if checked else 0),
@@ -137,18 +159,19 @@ def pack_chunk(chunk: Record, compression: bytes, *, checked: bool) -> None:
     chunk.body = b''.join(fields.values())
 
 
-def assemble(found: list[Record], *, finished: bool) -> bytes:
+def assemble(file_records: list[Record], *, finished: bool) -> bytes:
     """Return the file; a `finished` one gets a footer that leads to its summary."""
     content = bytearray(MAGIC)
-    start = 0
-    for record in found:
-        if (
-            finished
-            and record.kind == Opcode.FOOTER
-            and len(record.body) == struct.calcsize('<QQI')
-        ):
-            record.body = struct.pack('<QQI', start, 0, 0)
+    summary_start = 0
+    for record in file_records:
+        is_footer = record.kind == Opcode.FOOTER and len(record.body) == _FOOTER.size
+        if finished and is_footer:
+            record.body = _FOOTER.pack(summary_start, 0, 0)
+
         content += record.packed()
         if record.kind == Opcode.DATA_END:
-            start = len(content)
-    return bytes(content + MAGIC) if finished else bytes(content)
+            summary_start = len(content)
+
+    if finished:
+        content += MAGIC
+    return bytes(content)

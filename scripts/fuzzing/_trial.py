@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from multiprocessing.connection import Connection
 
-SECONDS = 10.0  #: for each use of a file
-MEBIBYTES = 300.0  #: of memory that a use takes
-_PATIENCE = 12 * SECONDS  # on a busy machine; also a use that ends is to be measured
-_ADDRESSES = 4 << 30  # bytes; more is refused to a process
-_AT_ONCE = 250  # files of one process
+MAX_SECONDS = 10.0  #: for each use of a file
+MAX_MEBIBYTES = 300.0  #: of memory that a use takes
+_TIMEOUT = 12 * MAX_SECONDS  # on a busy machine; also a use that ends must be measured
+_ADDRESS_SPACE = 4 << 30  # bytes; more is refused to a process
+_FILES_PER_PROCESS = 250
 
 #: What can become of a file, or of a command.
 RESULT = 'result'
@@ -43,38 +43,46 @@ class Trial(NamedTuple):
     damaged: str = ''  #: what was damaged in it
     outcome: str = HANG
     seconds: float = 0.0  #: of the longest use
-    mebibytes: float = 0.0  #: the most
-    why: str = ''
+    mebibytes: float = 0.0  #: at most
+    reason: str = ''  #: of a failure
+
+    @property
+    def is_failure(self) -> bool:
+        """Whether it ended in neither a result nor a sentence."""
+        return self.outcome not in (RESULT, SENTENCE)
 
 
 def trials(kind: Any, seed: int, numbers: range) -> Iterator[Trial]:  # noqa: ANN401 (a module)
     """Yield what became of each file; `kind` is the module that makes and uses them."""
     todo = list(numbers)
     while todo:
+        batch = todo[:_FILES_PER_PROCESS]
         receiver, sender = multiprocessing.Pipe(duplex=False)
         process = multiprocessing.get_context('fork').Process(
-            target=_try_all, args=(kind, seed, todo[:_AT_ONCE], sender)
+            target=_try_all, args=(kind, seed, batch, sender)
         )
+
         gc.freeze()  # the new process must destroy nothing of this one, such as handles of ROS
         process.start()
         gc.unfreeze()
         sender.close()
-        yield from _received(receiver, todo, min(_AT_ONCE, len(todo)))
+
+        yield from _reports(receiver, todo, len(batch))
         process.kill()
         process.join()
 
 
-def _received(receiver: Connection, todo: list[int], count: int) -> Iterator[Trial]:
+def _reports(receiver: Connection, todo: list[int], count: int) -> Iterator[Trial]:
     """Yield what a process reports, and a hang where it does not; take it from `todo`."""
     for _ in range(count):
         trial = Trial(todo.pop(0))
         try:
-            if receiver.poll(_PATIENCE):
+            if receiver.poll(_TIMEOUT):
                 trial = receiver.recv()
             else:
-                trial = trial._replace(why=f'no end within {_PATIENCE:g} s')
+                trial = trial._replace(reason=f'no end within {_TIMEOUT:g} s')
         except EOFError:
-            trial = trial._replace(outcome=MEMORY, why='the process was killed')
+            trial = trial._replace(outcome=MEMORY, reason='the process was killed')
         yield trial
         if trial.outcome in (HANG, MEMORY):
             return
@@ -87,7 +95,7 @@ def content(kind: Any, seed: int, number: int) -> tuple[str, str, bytes, Random]
 
 
 def _try_all(kind: Any, seed: int, numbers: list[int], sender: Connection) -> None:  # noqa: ANN401
-    resource.setrlimit(resource.RLIMIT_AS, (_ADDRESSES, _ADDRESSES))
+    resource.setrlimit(resource.RLIMIT_AS, (_ADDRESS_SPACE, _ADDRESS_SPACE))
     logging.disable()
     with tempfile.TemporaryDirectory() as folder:
         for number in numbers:
@@ -102,30 +110,35 @@ def _try(kind: Any, seed: int, number: int, place: Path) -> Trial:  # noqa: ANN4
     path = place / f'run_0{suffix}'
     path.write_bytes(data)
     del data  # which would count
+
     Path('/proc/self/clear_refs').write_text('5', encoding='ascii')  # the peak begins anew
-    held = _peak()  # of the process before it was forked, too
+    memory_before = _peak()  # of the process before it was forked, too
+    clock = getattr(kind, 'clock', time.monotonic)
     trial = Trial(number, damaged, RESULT)
     for use in kind.uses(chance):
-        clock = getattr(kind, 'clock', time.monotonic)
-        began = clock()
+        start = clock()
         try:
             use(path)
         except UserError:
             trial = trial._replace(outcome=SENTENCE)
         except Exception:  # noqa: BLE001 (what is looked for)
-            trial = trial._replace(outcome=TRACEBACK, why=traceback.format_exc())
+            trial = trial._replace(outcome=TRACEBACK, reason=traceback.format_exc())
             break
         finally:
-            seconds = max(clock() - began, trial.seconds)
-            trial = trial._replace(seconds=seconds, mebibytes=_peak() - held)
-        if seconds > SECONDS or trial.mebibytes > MEBIBYTES:
-            outcome = HANG if seconds > SECONDS else MEMORY
-            return trial._replace(outcome=outcome, why=str(use))
+            trial = trial._replace(
+                seconds=max(clock() - start, trial.seconds),
+                mebibytes=_peak() - memory_before,
+            )
+
+        if trial.seconds > MAX_SECONDS:
+            return trial._replace(outcome=HANG, reason=str(use))
+        if trial.mebibytes > MAX_MEBIBYTES:
+            return trial._replace(outcome=MEMORY, reason=str(use))
     return trial
 
 
 def _peak() -> float:
-    """Return the most memory that this process held [MiB]."""
+    """Return the largest memory of this process up to now [MiB]."""
     for line in Path('/proc/self/status').read_text(encoding='ascii').splitlines():
         if line.startswith('VmHWM:'):
             return int(line.split()[1]) / 1024

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import time
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from mcap.writer import Writer
@@ -31,15 +31,14 @@ if TYPE_CHECKING:
 
     from barc_sim.simulation.log import Floats, Log
 
-    Kept = NDArray[np.bool_]
-    Series = tuple[Floats, Floats]  #: times [s] and values
 
 _FIELDS = {'v_x': '/speed.data', 'motor': '/accel.data'}
 _TS = 0.005
 _DURATION = 14.0  #: [s]
 _NOISE = 0.02  #: [m/s]
 _TRUTH = {'drag_per_mass': 0.002, 'friction_per_mass': 0.15, 'motor_delay': 0.12, 'motor_lag': 0.2}
-_FAR = 8.0  #: half intervals from the truth
+_MAX_ERROR = 8.0  #: half intervals from the truth
+#: The values of these bags are right.
 _HONEST = ('gaps', 'lost messages', 'rates')
 _KINDS = (*_HONEST, *_HONEST, 'jitter', 'clock', 'values', 'units', 'order')
 _VALUES = (float('nan'), float('inf'), 1e308, -1e308, 1e5, 0.0, -3.0)
@@ -50,6 +49,23 @@ def clock() -> float:
     return time.process_time()
 
 
+class _Series(NamedTuple):
+    """Numbers that one topic carries."""
+
+    times: Floats  #: [s]
+    values: Floats
+
+    def where(self, mask: NDArray[np.bool_]) -> _Series:
+        return _Series(self.times[mask], self.values[mask])
+
+    def scaled(self, factor: float) -> _Series:
+        return _Series(self.times, factor * self.values)
+
+    def with_clock(self, tick: float) -> _Series:
+        """Return it with the times of a clock that moves in ticks [s]."""
+        return _Series(np.floor(self.times / tick) * tick, self.values)
+
+
 @cache
 def original() -> tuple[Log, ...]:
     """Return the drives of the car."""
@@ -58,14 +74,10 @@ def original() -> tuple[Log, ...]:
         air_drag_coeff=2000.0 * _TRUTH['drag_per_mass'],
         friction=2000.0 * _TRUTH['friction_per_mass'],
     )
-    return tuple(
-        closed_loop(
-            Plant(road=Road.flat(), vehicle=car, ts=_TS, motor=motor),
-            law,
-            distance=1e9,
-            max_duration=_DURATION,
-        )
-        for law in (PRBS(), Steps())
+    plants = [Plant(road=Road.flat(), vehicle=car, ts=_TS, motor=motor) for _ in range(2)]
+    return (
+        closed_loop(plants[0], PRBS(), distance=1e9, max_duration=_DURATION),
+        closed_loop(plants[1], Steps(), distance=1e9, max_duration=_DURATION),
     )
 
 
@@ -74,65 +86,82 @@ def damaged(chance: Random) -> tuple[str, str, bytes]:
     kind = chance.choice(_KINDS)
     log = chance.choice(original())
     random = np.random.default_rng(chance.getrandbits(32))
+
     period = 1.0 / chance.choice((10.0, 20.0, 33.0, 50.0, 100.0) if kind == 'rates' else (50.0,))
     t = np.arange(0.0, _DURATION - 0.1, period)
     v = np.interp(t, log.t, log.v_x) + random.normal(0.0, _NOISE, len(t))
-    at = log.t[:-1]
-    motor = log.motor[:-1]
-    changes = np.flatnonzero(np.abs(np.diff(motor, prepend=np.inf)) > 0.0)
-    at = at[changes]
-    motor = motor[changes]
-    states = (t, v)
-    commands = (at, motor)
+    states = _Series(t, v)
+    commands = _changes(_Series(log.t[:-1], log.motor[:-1]))
+
+    states, commands = _damaged(kind, states, commands, chance, random)
+    return f'.{kind.replace(" ", "-")}.mcap', kind, _bag(states, commands)
+
+
+def _changes(series: _Series) -> _Series:
+    """Return the first value, and each one that differs from the value before."""
+    steps = np.diff(series.values, prepend=np.inf)
+    return series.where(np.abs(steps) > 0.0)
+
+
+def _damaged(
+    kind: str, states: _Series, commands: _Series, chance: Random, random: np.random.Generator
+) -> tuple[_Series, _Series]:
+    count = len(states.times)
     match kind:
         case 'gaps':
             states, commands = _with_gaps(states, commands, chance)
         case 'lost messages':
             share = chance.choice((0.01, 0.1, 0.3, 0.9))
-            states = _some(states, random.random(len(t)) > share)
+            states = states.where(random.random(count) > share)
         case 'jitter':
-            states = t + random.normal(0.0, chance.choice((1e-3, 0.02, 0.5)), len(t)), v
+            jitter = random.normal(0.0, chance.choice((1e-3, 0.02, 0.5)), count)
+            states = _Series(states.times + jitter, states.values)
         case 'clock':
             tick = chance.choice((0.01, 0.1, 1.0, 100.0))
-            states = (np.floor(t / tick) * tick, v)
-            commands = (np.floor(at / tick) * tick, motor)
+            states = states.with_clock(tick)
+            commands = commands.with_clock(tick)
         case 'values':
-            odd = random.random(len(t)) < chance.choice((0.001, 0.1, 1.0))
-            states = t, np.where(odd, chance.choice(_VALUES), v)
-            motor = np.where(random.random(len(at)) < 0.05, chance.choice(_VALUES), motor)  # noqa: PLR2004
-            commands = at, motor
+            states = _with_odd_values(states, chance.choice((0.001, 0.1, 1.0)), chance, random)
+            commands = _with_odd_values(commands, 0.05, chance, random)
         case 'units':
-            states = t, chance.choice((3.6, 0.001, -1.0, 1000.0, 0.0)) * v
-            commands = at, chance.choice((1.0, 100.0, 0.0)) * motor
+            states = states.scaled(chance.choice((3.6, 0.001, -1.0, 1000.0, 0.0)))
+            commands = commands.scaled(chance.choice((1.0, 100.0, 0.0)))
         case 'order':
-            states = random.permutation(t), v
-    return f'.{kind.replace(" ", "-")}.mcap', kind, _bag(states, commands)
+            states = _Series(random.permutation(states.times), states.values)
+    return states, commands
 
 
-def _with_gaps(states: Series, commands: Series, chance: Random) -> tuple[Series, Series]:
+def _with_gaps(states: _Series, commands: _Series, chance: Random) -> tuple[_Series, _Series]:
     """Return both without the times in which the recorder stood still."""
     for _ in range(chance.randint(1, 4)):
         begin = chance.uniform(-0.5, _DURATION)
         end = begin + chance.choice((0.03, 0.1, 0.5, 2.0, 6.0))
-        states = _some(states, (states[0] < begin) | (states[0] >= end))
-        commands = _some(commands, (commands[0] < begin) | (commands[0] >= end))
+        states = states.where((states.times < begin) | (states.times >= end))
+        commands = commands.where((commands.times < begin) | (commands.times >= end))
     return states, commands
 
 
-def _some(series: Series, kept: Kept) -> Series:
-    return series[0][kept], series[1][kept]
+def _with_odd_values(
+    series: _Series, share: float, chance: Random, random: np.random.Generator
+) -> _Series:
+    """Return it with the same odd value in a share of the places."""
+    is_odd = random.random(len(series.times)) < share
+    return _Series(series.times, np.where(is_odd, chance.choice(_VALUES), series.values))
 
 
-def _bag(states: Series, commands: Series) -> bytes:
+def _bag(states: _Series, commands: _Series) -> bytes:
     """Return a bag of two topics with numbers."""
     stream = io.BytesIO()
     writer = Writer(stream)
     writer.start('ros2', '')
     schema = writer.register_schema('std_msgs/msg/Float64', 'ros2msg', b'float64 data\n')
+
     rows = []
-    for topic, (times, values) in zip(('/speed', '/accel'), (states, commands), strict=True):
+    for topic, series in (('/speed', states), ('/accel', commands)):
         channel = writer.register_channel(topic, 'cdr', schema)
-        rows += [(t, channel, v) for t, v in zip(times.tolist(), values.tolist(), strict=True)]
+        for t, value in zip(series.times.tolist(), series.values.tolist(), strict=True):
+            rows.append((t, channel, value))
+
     for t, channel, value in sorted(rows):
         stamp = int((1000.0 + t) * 1e9)
         writer.add_message(channel, stamp, b'\0\1\0\0' + np.float64(value).tobytes(), stamp)
@@ -141,12 +170,12 @@ def _bag(states: Series, commands: Series) -> bytes:
 
 
 def _identify(path: Path) -> None:
-    found = identify(log_of_fields(path, _FIELDS), integrator='rk4')
+    result = identify(log_of_fields(path, _FIELDS), integrator='rk4')
     kind = path.suffixes[0].lstrip('.').replace('-', ' ')
-    if kind not in _HONEST or found.remarks:
+    if kind not in _HONEST or result.remarks:
         return
-    for name, estimate in found.estimates.items():
-        if abs(estimate.value - _TRUTH[name]) > _FAR * estimate.interval:
+    for name, estimate in result.estimates.items():
+        if abs(estimate.value - _TRUTH[name]) > _MAX_ERROR * estimate.interval:
             raise AssertionError(f'{name} is {estimate} without a remark')
 
 

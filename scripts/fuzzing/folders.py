@@ -20,6 +20,7 @@ import sysconfig
 import tempfile
 import time
 import venv
+from contextlib import contextmanager
 from functools import cache
 from importlib.machinery import BuiltinImporter, FrozenImporter
 from itertools import groupby
@@ -27,8 +28,8 @@ from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, NamedTuple
 
-from _command import Ended, judge
-from _trial import ESCAPE, RESULT, SENTENCE, Trial
+from _command import CommandEnd, judge
+from _trial import ESCAPE, Trial
 
 from barc_sim.cli.python import python_command
 from barc_sim.lab.files import HILLS
@@ -36,19 +37,28 @@ from barc_sim.lab.files import HILLS
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-_PATIENCE = 120.0  #: [s] for a command on a busy machine
+_TIMEOUT = 120.0  #: [s] for a command on a busy machine
 _RUN = 'acc -q --engine local --distance 8 --road flat --realtime-factor max'
-#: By command, which works in a lab: how often it is drawn, and the file that it makes.
+
+
+class _Command(NamedTuple):
+    """How often a command is drawn, and the file that it makes, or ''."""
+
+    weight: int
+    product: str
+
+
+#: By its words. Each one works in a lab.
 _COMMANDS = {
-    'grade . --out ../out --jobs 1': (4, 'results.json'),
-    'check .': (2, ''),
-    'submit . --save ../out/lab.zip': (2, ''),
-    'plot ../bag --save ../out/plot.png': (2, 'plot.png'),
-    'report ../bag -o ../out/report.html': (1, ''),
-    'info ../bag': (2, ''),
-    'convert ../bag -o ../out/tables': (1, ''),
-    f'{_RUN} --lab . --bag-dir ../out/bags': (2, ''),
-    'new ../out/new': (1, ''),
+    'grade . --out ../out --jobs 1': _Command(4, 'results.json'),
+    'check .': _Command(2, ''),
+    'submit . --save ../out/lab.zip': _Command(2, ''),
+    'plot ../bag --save ../out/plot.png': _Command(2, 'plot.png'),
+    'report ../bag -o ../out/report.html': _Command(1, ''),
+    'info ../bag': _Command(2, ''),
+    'convert ../bag -o ../out/tables': _Command(1, ''),
+    f'{_RUN} --lab . --bag-dir ../out/bags': _Command(2, ''),
+    'new ../out/new': _Command(1, ''),
 }
 #: Names that are put beside those that are tried.
 _MODULES = sorted(
@@ -82,8 +92,8 @@ raise SystemExit(__name__)
 """
 _KINDS = ('file', 'package', 'compiled', 'link', 'damaged library')
 _FOLDER = 'folder'  #: without a file: it takes the place of no module
-_TOGETHER = 20  #: trials of one run
-_OTHERS = 60  #: names beside them
+_TRIALS_PER_RUN = 20
+_NEIGHBOURS = 60  #: names beside those of the trials
 _PIPES = 0.2  #: share of the settings that are named pipes
 #: Appends the name of each imported module to a file, also where the process is confined later.
 _LISTING = """\
@@ -103,15 +113,8 @@ def listed(event, values):
 
 sys.addaudithook(listed)
 """
-_CODE = {
-    'bike_model.py': 'def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):\n'
-    '    return [x + ts * v, y, psi, v + ts * a]\n',
-    'controller.py': 'class PID:\n    def __init__(self, kp=30.0, ki=0.0, kd=0.0):\n'
-    '        self.kp, self.ki, self.kd = kp, ki, kd\n\n'
-    '    def acc_calculate(self, speed_reference, speed_current, dt):\n'
-    '        return self.kp * (speed_reference - speed_current)\n',
-    'compose.py': HILLS.templates()['compose.py'].decode(),
-}
+#: A student's.
+_SUBMISSION = Path(__file__).parents[1] / 'submission'
 
 
 def original() -> None:
@@ -123,67 +126,81 @@ def original() -> None:
 def _original() -> Path:
     """Return a folder with a lab and a bag."""
     folder = Path(tempfile.mkdtemp(prefix='fuzz_folders_'))
-    (folder / 'lab').mkdir()
     (folder / 'out').mkdir()
-    for name, text in _CODE.items():
-        (folder / 'lab' / name).write_text(text, encoding='ascii')
-    ended = _run(f'{_RUN} --bag-dir ../made', folder)
-    if ended.code:
-        raise RuntimeError(ended.text)
-    (made,) = (folder / 'made').iterdir()
-    made.replace(folder / 'bag')
+    shutil.copytree(_SUBMISSION, folder / 'lab')
+    (folder / 'lab' / 'compose.py').write_bytes(HILLS.templates()['compose.py'])
+
+    end = _run(f'{_RUN} --bag-dir ../bags', folder)
+    if end.code:
+        raise RuntimeError(end.text)
+    (bag,) = (folder / 'bags').iterdir()
+    bag.replace(folder / 'bag')
+    (folder / 'bags').rmdir()
     return folder
 
 
-def _run(command: str, folder: Path, python: str = sys.executable) -> Ended:
+@contextmanager
+def _copy() -> Iterator[Path]:
+    """Yield a copy of what all trials begin with."""
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder, 'place')
+        shutil.copytree(_original(), place)
+        yield place
+
+
+def _run(command: str, folder: Path, python: str = sys.executable) -> CommandEnd:
     """Run a command in the lab of `folder`, as the installed program does."""
-    _, *words = python_command('barc_sim', *command.split())
+    words = python_command('barc_sim', *command.split())[1:]
     try:
-        done = subprocess.run(  # noqa: S603 (our own)
+        process = subprocess.run(  # noqa: S603 (our own)
             [python, *words],
             cwd=folder / 'lab',
-            env=os.environ | {'TRAP': str(folder / 'caught'), 'BARC_SIM_NO_BROWSER': '1'},
+            env=os.environ | {'TRAP': str(folder / 'trapped'), 'BARC_SIM_NO_BROWSER': '1'},
             stdin=subprocess.DEVNULL,
             capture_output=True,
-            timeout=_PATIENCE,
+            timeout=_TIMEOUT,
             check=False,
         )
     except subprocess.TimeoutExpired:
-        return Ended(None, '')
-    return Ended(done.returncode, (done.stdout + done.stderr).decode(errors='replace'))
+        return CommandEnd(None, '')
+    output = process.stdout + process.stderr
+    return CommandEnd(process.returncode, output.decode(errors='replace'))
 
 
-def _made(command: str, folder: Path) -> object:
+def _product(command: str, folder: Path) -> object:
     """Return what a command has made, as far as it is the same each time."""
-    _, name = _COMMANDS[command]
+    name = _COMMANDS[command].product
     if not name:
         return None
     path = folder / 'out' / name
     if not path.exists():
         return 'nothing'
-    return json.loads(path.read_bytes())['score'] if path.suffix == '.json' else path.read_bytes()
+    if path.suffix == '.json':
+        return json.loads(path.read_bytes())['score']
+    return path.read_bytes()
 
 
 @cache
 def _expected(command: str) -> tuple[int | None, object]:
     """Return the exit code of a command in a lab without traps, and what it makes."""
-    with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder, 'place')
-        shutil.copytree(_original(), place)
-        return _run(command, place).code, _made(command, place)
+    with _copy() as place:
+        end = _run(command, place)
+        return end.code, _product(command, place)
 
 
 @cache
-def _imported(command: str) -> list[str]:
+def imported_modules(command: str) -> list[str]:
     """Return the modules that a command, and the processes that it starts, import from files."""
-    with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder, 'place')
-        shutil.copytree(_original(), place)
+    with _copy() as place:
         imports = place / 'imports'
         _run(command, place, _python_with_list(place / 'venv', imports))
-        names = {*imports.read_text(encoding='utf-8').split()}
-    inside = BuiltinImporter, FrozenImporter  # their modules come from no file
-    return sorted(name for name in names if not any(each.find_spec(name) for each in inside))
+        names = set(imports.read_text(encoding='utf-8').split())
+    return sorted(name for name in names if not _is_inside_python(name))
+
+
+def _is_inside_python(name: str) -> bool:
+    """Return whether a module comes from no file."""
+    return any(finder.find_spec(name) for finder in (BuiltinImporter, FrozenImporter))
 
 
 def _python_with_list(folder: Path, file: Path) -> str:
@@ -195,14 +212,14 @@ def _python_with_list(folder: Path, file: Path) -> str:
     return str(folder / 'bin' / 'python')
 
 
-class _Trap(NamedTuple):
+class Trap(NamedTuple):
     """What is in the working directory in place of a module."""
 
     number: int  #: of the trial
     kind: str
     name: str  #: of the module
 
-    def put(self, lab: Path) -> None:
+    def write(self, lab: Path) -> None:
         """Write it into a lab."""
         path = lab / f'{self.name}.py'
         package = lab / self.name
@@ -225,79 +242,90 @@ class _Trap(NamedTuple):
                 package.mkdir()
 
 
-class _Surroundings(NamedTuple):
+class Surroundings(NamedTuple):
     """What else is in the working directory: it belongs to no single trial."""
 
-    others: Sequence[_Trap] = ()
-    settings: Sequence[tuple[str, bool]] = ()  #: names of files, and whether each is a pipe
+    traps: Sequence[Trap] = ()
+    settings: Sequence[str] = ()  #: names of files
+    pipes: Sequence[str] = ()  #: names of settings that are named pipes
 
     @classmethod
-    def drawn(cls, chance: Random, names: Sequence[str]) -> _Surroundings:
+    def draw(cls, chance: Random, names: Sequence[str]) -> Surroundings:
         """Draw some beside traps of these names."""
-        more = chance.sample(sorted({*_MODULES} - {*names}), _OTHERS)
-        others = [_Trap(-1, chance.choice((*_KINDS, _FOLDER)), name) for name in more]
-        settings = chance.sample([*_SETTINGS], chance.randint(0, len(_SETTINGS)))
-        return cls(others, [(name, chance.random() < _PIPES) for name in settings])
+        free_names = sorted(set(_MODULES) - set(names))
+        neighbours = chance.sample(free_names, _NEIGHBOURS)
+        traps = [Trap(-1, chance.choice((*_KINDS, _FOLDER)), name) for name in neighbours]
 
-    def put(self, lab: Path) -> None:
-        """Write them into a lab."""
-        for other in self.others:
-            other.put(lab)
-        for name, is_pipe in self.settings:
-            if is_pipe:
-                os.mkfifo(lab / name)
+        settings = []
+        pipes = []
+        for name in chance.sample([*_SETTINGS], chance.randint(0, len(_SETTINGS))):
+            if chance.random() < _PIPES:
+                pipes.append(name)
             else:
-                (lab / name).write_text(_SETTINGS[name], encoding='ascii')
+                settings.append(name)
+        return cls(traps, settings, pipes)
+
+    def write(self, lab: Path) -> None:
+        """Write them into a lab."""
+        for trap in self.traps:
+            trap.write(lab)
+        for name in self.settings:
+            (lab / name).write_text(_SETTINGS[name], encoding='ascii')
+        for name in self.pipes:
+            os.mkfifo(lab / name)
 
 
 def trials(seed: int, numbers: range) -> Iterator[Trial]:
     """Yield what became of each name."""
-    for run, together in groupby(numbers, lambda number: number // _TOGETHER):
+    weights = [command.weight for command in _COMMANDS.values()]
+    for run, numbers_of_run in groupby(numbers, lambda number: number // _TRIALS_PER_RUN):
         chance = Random(f'{seed} {run}')  # noqa: S311 (no secret)
-        command = chance.choices([*_COMMANDS], [often for often, _ in _COMMANDS.values()])[0]
-        names = chance.sample(_imported(command), _TOGETHER)
+        command = chance.choices([*_COMMANDS], weights)[0]
+        names = chance.sample(imported_modules(command), _TRIALS_PER_RUN)
+
+        # The same traps are drawn, whichever of the trials are asked for.
+        first = run * _TRIALS_PER_RUN
         traps = [
-            _Trap(run * _TOGETHER + k, chance.choice(_KINDS), name) for k, name in enumerate(names)
+            Trap(number, chance.choice(_KINDS), name) for number, name in enumerate(names, first)
         ]
-        surroundings = _Surroundings.drawn(chance, names)
-        wanted = [*together]
-        yield from _tried(command, [each for each in traps if each.number in wanted], surroundings)
+        surroundings = Surroundings.draw(chance, names)
+        wanted_numbers = set(numbers_of_run)
+        wanted_traps = [trap for trap in traps if trap.number in wanted_numbers]
+        yield from try_traps(command, wanted_traps, surroundings)
 
 
-def _tried(command: str, traps: Sequence[_Trap], surroundings: _Surroundings) -> list[Trial]:
+def try_traps(command: str, traps: Sequence[Trap], surroundings: Surroundings) -> list[Trial]:
     """Try traps in one run; each alone if it fails, so that the trial that fails is named."""
-    trial = _try(command, traps, surroundings)
-    is_failure = trial.outcome not in (RESULT, SENTENCE)
-    found = [trial._replace(number=each.number, damaged=each.kind) for each in traps]
-    if not is_failure or len(traps) == 1:
-        return found
-    alone = [_tried(command, [each], _Surroundings())[0] for each in traps]
-    if any(each.outcome not in (RESULT, SENTENCE) for each in alone):
+    trial = _try_together(command, traps, surroundings)
+    together = [trial._replace(number=trap.number, damaged=trap.kind) for trap in traps]
+    if not trial.is_failure or len(traps) == 1:
+        return together
+
+    alone = [try_traps(command, [trap], Surroundings())[0] for trap in traps]
+    if any(trial.is_failure for trial in alone):
         return alone
-    return [found[0], *alone[1:]]  # by what is beside the traps
+    return [together[0], *alone[1:]]  # the surroundings make it fail
 
 
-def _try(command: str, traps: Sequence[_Trap], surroundings: _Surroundings) -> Trial:
+def _try_together(command: str, traps: Sequence[Trap], surroundings: Surroundings) -> Trial:
     """Run a command in a lab with traps; return what became of it."""
-    exit_code, made = _expected(command)
-    with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder, 'place')
-        shutil.copytree(_original(), place)
+    expected = _expected(command)
+    with _copy() as place:
         for trap in traps:
-            trap.put(place / 'lab')
-        surroundings.put(place / 'lab')
+            trap.write(place / 'lab')
+        surroundings.write(place / 'lab')
 
-        began = time.monotonic()
-        ended = _run(command, place)
-        seconds = time.monotonic() - began
+        start = time.monotonic()
+        end = _run(command, place)
+        seconds = time.monotonic() - start
 
-        outcome, why = judge(ended)
-        caught = place / 'caught'
-        if caught.exists():
-            names = ' '.join(caught.read_text(encoding='ascii').split())
+        outcome, reason = judge(end)
+        trapped = place / 'trapped'
+        if trapped.exists():
+            names = ' '.join(trapped.read_text(encoding='ascii').split())
             outcome = ESCAPE
-            why = f'{names} has run'
-        elif not why and (ended.code, _made(command, place)) != (exit_code, made):
+            reason = f'{names} has run'
+        elif not reason and (end.code, _product(command, place)) != expected:
             outcome = ESCAPE
-            why = f'another result: exit code {ended.code}\n{ended.text[-2000:]}'
-    return Trial(-1, '', outcome, seconds, 0.0, why and f'barc {command}: {why}')
+            reason = f'another result: exit code {end.code}\n{end.text[-2000:]}'
+    return Trial(-1, '', outcome, seconds, 0.0, reason and f'barc {command}: {reason}')

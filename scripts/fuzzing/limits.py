@@ -15,53 +15,61 @@ import sys
 import tempfile
 import time
 from contextlib import contextmanager
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, NamedTuple
 
-from _command import INTERRUPTED, Ended, judge
+import links
+from _command import INTERRUPTED, CommandEnd, judge
 from _trial import Trial
-from links import made, original
 
 import barc_sim
 from barc_sim.__main__ import functions
 from barc_sim.cli.parser import Parser
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
-__all__ = ['original', 'trials']
 _ROOT = Path(barc_sim.__file__).parents[1]
 _DRIVE = [
     *('--distance', '5', '--laps', '1', '--cars', '1', '-q'),
     *('--realtime-factor', 'max', '--min-free-space', '0'),
 ]
-#: The commands, with words before the odd options, and after them, so that these count.
-_COMMANDS: tuple[tuple[str, list[str], list[str]], ...] = (
-    ('acc', [], ['--engine', 'local', *_DRIVE]),
-    ('acc', [], ['--engine', 'auto', *_DRIVE]),
-    ('teleop', ['--engine', 'local', '--view', 'none'], []),
-    ('teleop', ['--lab', 'lab', '--view', 'none'], []),
-    ('plot', ['bags/run'], []),
-    ('replay', ['bags/run', '--save', 'out/r.gif'], []),
-    ('report', ['bags/run'], []),
-    ('graph', ['--bag', 'bags/run'], []),
-    ('graph', ['--save', 'out/live.svg'], []),
-    ('recover', ['bags/killed'], []),
-    ('new', ['new'], []),
-    ('check', ['lab'], ['--no-plot']),
-    ('submit', ['lab'], []),
-    ('grade', ['class'], ['--jobs', '1']),
-    ('tune', [], ['--distance', '20']),
-    ('show', ['ECU'], []),
-    ('topics', [], []),
-    ('echo', ['ecu'], []),
-    ('param', ['list'], []),
-    ('param', ['get', 'controller', 'kp'], []),
-    ('record', ['--min-free-space', '0'], []),
-    ('node', ['relay'], []),
-    ('node', ['bag_recorder'], []),
+
+
+class _Command(NamedTuple):
+    """A command, with words before the odd options, and after them, so that these count."""
+
+    name: str
+    before: Sequence[str]
+    after: Sequence[str]
+
+
+_COMMANDS = (
+    _Command('acc', [], ['--engine', 'local', *_DRIVE]),
+    _Command('acc', [], ['--engine', 'auto', *_DRIVE]),
+    _Command('teleop', ['--engine', 'local', '--view', 'none'], []),
+    _Command('teleop', ['--lab', 'lab', '--view', 'none'], []),
+    _Command('plot', ['bags/run'], []),
+    _Command('replay', ['bags/run', '--save', 'out/r.gif'], []),
+    _Command('report', ['bags/run'], []),
+    _Command('graph', ['--bag', 'bags/run'], []),
+    _Command('graph', ['--save', 'out/live.svg'], []),
+    _Command('recover', ['bags/killed'], []),
+    _Command('new', ['new'], []),
+    _Command('check', ['lab'], ['--no-plot']),
+    _Command('submit', ['lab'], []),
+    _Command('grade', ['class'], ['--jobs', '1']),
+    _Command('tune', [], ['--distance', '20']),
+    _Command('show', ['ECU'], []),
+    _Command('topics', [], []),
+    _Command('echo', ['ecu'], []),
+    _Command('param', ['list'], []),
+    _Command('param', ['get', 'controller', 'kp'], []),
+    _Command('record', ['--min-free-space', '0'], []),
+    _Command('node', ['relay'], []),
+    _Command('node', ['bag_recorder'], []),
 )
 _VALUES = (
     *('', '.', '-', '--', '..', '0', '-0', '1', '-1', '1e308', '-1e309', '5e-324', '1e-9', 'nan'),
@@ -119,26 +127,36 @@ _LIMITS = {
 }
 #: Bytes that are left on the disk of a command's folder.
 _LEFT = (0, 4096, 100_000, 1_000_000)
-_LIVE = 12.0  #: [s] after which a command is asked to stop, as by Ctrl-C
-_PATIENCE = 40.0  #: [s] until it has to have stopped
+_DURATION = 12.0  #: [s] after which a command is asked to stop, as by Ctrl-C
+_TIMEOUT = 40.0  #: [s] until it has to have stopped
+
+
+def original() -> None:
+    """Make what all trials begin with."""
+    links.original()
 
 
 def trials(seed: int, numbers: range) -> Iterator[Trial]:
     """Yield what became of each command."""
     for number in numbers:
         chance = Random(f'{seed} {number}')  # noqa: S311 (no secret)
-        name, before, after = chance.choice(_COMMANDS)
-        words = [name, *before, *_options(name, chance), *after]
+        command = chance.choice(_COMMANDS)
+        odd_words = _options(command.name, chance)
         odd = chance.choice(('options', 'limits', 'streams', 'environment', 'folder', 'all'))
         if odd not in ('options', 'all'):
-            words = [name, *before, *after]
-        shell = _shell(odd, chance)
-        with tempfile.TemporaryDirectory() as folder, _disk(Path(folder), shell.disk):
-            began = time.monotonic()
-            ended = _run(words, Path(folder) / 'inside', shell)
-        outcome, why = judge(ended)
-        why = why and f'barc {words} with {shell}: {why}'.encode(errors='replace').decode()
-        yield Trial(number, odd, outcome, time.monotonic() - began, 0.0, why)
+            odd_words = []
+        words = [command.name, *command.before, *odd_words, *command.after]
+        yield _try(number, odd, words, _shell(odd, chance))
+
+
+def _try(number: int, odd: str, words: list[str], shell: _Shell) -> Trial:
+    with tempfile.TemporaryDirectory() as folder, _disk(Path(folder), shell.disk):
+        start = time.monotonic()
+        end = _run(words, Path(folder) / 'inside', shell)
+    outcome, reason = judge(end)
+    if reason:
+        reason = f'barc {words} with {shell}: {reason}'.encode(errors='replace').decode()
+    return Trial(number, odd, outcome, time.monotonic() - start, 0.0, reason)
 
 
 def _options(name: str, chance: Random) -> list[str]:
@@ -146,12 +164,14 @@ def _options(name: str, chance: Random) -> list[str]:
     words: list[str] = []
     for _ in range(chance.randint(1, 3)):
         action = chance.choice(_actions(name))
-        values = [
-            chance.choice([*(action.choices or _VALUES)]) for _ in range(int(action.nargs or 1))
-        ]
+        choices = [*(action.choices or _VALUES)]
+        values = [chance.choice(choices) for _ in range(int(action.nargs or 1))]
         if chance.random() < 0.1:  # noqa: PLR2004 (now and then)
             values = [chance.choice(_VALUES)]
-        words += [*action.option_strings[-1:], *(values if action.nargs != 0 else [])]
+
+        words += action.option_strings[-1:]
+        if action.nargs != 0:
+            words += values
     return words
 
 
@@ -160,13 +180,17 @@ def _actions(name: str) -> list[argparse.Action]:
     parser = Parser(prog='fuzz')
     add_arguments, _ = functions(name)
     add_arguments(parser)
-    found: list[argparse.Action] = []
+
+    not_options = (argparse._HelpAction, argparse._SubParsersAction)  # noqa: SLF001
+    actions: list[argparse.Action] = []
     for action in parser._actions:  # noqa: SLF001 (argparse has no other list)
-        if not isinstance(action, (argparse._HelpAction, argparse._SubParsersAction)):  # noqa: SLF001
-            action.nargs = action.nargs if isinstance(action.nargs, int) else 1
-            action.choices = [*action.choices] if action.choices else None
-            found.append(action)
-    return found or [argparse.Action(['--none'], 'none')]
+        if isinstance(action, not_options):
+            continue
+        if not isinstance(action.nargs, int):
+            action.nargs = 1
+        action.choices = [*action.choices] if action.choices else None
+        actions.append(action)
+    return actions or [argparse.Action(['--none'], 'none')]
 
 
 class _Shell(NamedTuple):
@@ -185,6 +209,7 @@ def _shell(odd: str, chance: Random) -> _Shell:
     environment: dict[str, str | None] = {}
     disk: str | int = ''
     removed = False
+
     if odd in ('limits', 'all'):
         for name in chance.sample([*_LIMITS], chance.choice((1, 1, 2))):
             limits[name] = chance.choice(_LIMITS[name])
@@ -196,22 +221,24 @@ def _shell(odd: str, chance: Random) -> _Shell:
     if odd in ('folder', 'all'):
         removed = chance.random() < 0.2  # noqa: PLR2004 (now and then)
         disk = chance.choice(('read-only', *_LEFT))
-    return _Shell(limits, closed, environment, '' if os.geteuid() else disk, removed)
+        if os.geteuid() != 0:
+            disk = ''  # root alone can mount one
+
+    return _Shell(limits, closed, environment, disk, removed)
 
 
 @contextmanager
 def _disk(folder: Path, disk: str | int) -> Iterator[None]:
-    """Fill `folder`, on a small disk of its own where one is asked for; root alone can do that."""
+    """Fill `folder`, on a small disk of its own where `disk` is not ''."""
     if disk == '':
-        made(folder)
-        os.mkfifo(folder / 'inside' / 'pipe')
+        _fill(folder)
         yield
         return
+
     mount = ['mount', '-t', 'tmpfs', '-o', 'size=16m', 'barc_sim_fuzz', str(folder)]
     subprocess.run(mount, check=True)  # noqa: S603 (the system's)
     try:
-        made(folder)
-        os.mkfifo(folder / 'inside' / 'pipe')
+        _fill(folder)
         if isinstance(disk, int):
             left = shutil.disk_usage(folder).free - disk
             (folder / 'filler').write_bytes(bytes(left))
@@ -222,40 +249,59 @@ def _disk(folder: Path, disk: str | int) -> Iterator[None]:
         subprocess.run(['umount', '--lazy', str(folder)], check=True)  # noqa: S603, S607
 
 
+def _fill(folder: Path) -> None:
+    links.copy_of_original(folder)
+    os.mkfifo(folder / 'inside' / 'pipe')
+
+
 def _confine(shell: _Shell) -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # ignored in the background
     if shell.removed:
         folder = tempfile.mkdtemp()
         os.chdir(folder)
         Path(folder).rmdir()
+
     for name, value in shell.limits.items():
         resource.setrlimit(getattr(resource, name), (value, value))
     for descriptor in shell.closed:
         os.close(descriptor)
 
 
-def _run(words: list[str], folder: Path, shell: _Shell) -> Ended:
-    home = {'HOME': str(folder / 'home'), 'BARC_SIM_NO_BROWSER': '1', 'PYTHONPATH': str(_ROOT)}
-    environment = os.environ | home | shell.environment
+def _run(words: list[str], folder: Path, shell: _Shell) -> CommandEnd:
     with subprocess.Popen(  # noqa: S603 (our own)
         [sys.executable, '-m', 'barc_sim', *words],
         cwd=folder,
-        env={name: value for name, value in environment.items() if value is not None},
+        env=_environment(folder, shell),
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
-        preexec_fn=partial(_confine, shell),  # noqa: PLW1509 (one thread)
+        preexec_fn=lambda: _confine(shell),  # noqa: PLW1509 (one thread)
         start_new_session=True,
     ) as process:
         try:
-            text, _ = process.communicate(timeout=_LIVE)
-            return Ended(process.returncode, text.decode(errors='replace'))
+            text, _ = process.communicate(timeout=_DURATION)
+            return CommandEnd(process.returncode, text.decode(errors='replace'))
         except subprocess.TimeoutExpired:
             process.send_signal(signal.SIGINT)
+
         try:
-            text, _ = process.communicate(timeout=_PATIENCE - _LIVE)
+            text, _ = process.communicate(timeout=_TIMEOUT - _DURATION)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
-            return Ended(None, process.communicate()[0].decode(errors='replace'))
+            text, _ = process.communicate()
+            return CommandEnd(None, text.decode(errors='replace'))
+
         code = 0 if process.returncode in INTERRUPTED else process.returncode
-        return Ended(code, text.decode(errors='replace'))
+        return CommandEnd(code, text.decode(errors='replace'))
+
+
+def _environment(folder: Path, shell: _Shell) -> dict[str, str]:
+    """Return the environment variables of a command."""
+    values: dict[str, str | None] = {
+        **os.environ,
+        'HOME': str(folder / 'home'),
+        'BARC_SIM_NO_BROWSER': '1',
+        'PYTHONPATH': str(_ROOT),
+        **shell.environment,
+    }
+    return {name: value for name, value in values.items() if value is not None}

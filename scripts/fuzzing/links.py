@@ -21,14 +21,14 @@ from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from _command import Ended, judge, run
+from _command import CommandEnd, judge, run
 from _trial import ESCAPE, Trial
 
 import barc_sim
 from barc_sim.cli.process import has_ros
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
 _ROOT = Path(barc_sim.__file__).parents[1]
 _RUN = 'acc -q --distance 5 --realtime-factor max'
@@ -79,31 +79,16 @@ _FILES_OF_ROS = (
     *('home/.ros', 'home/.ros/log', 'home/.ros/log/latest'),
     *('DEFAULT_FASTDDS_PROFILES.xml', 'DEFAULT_FASTRTPS_PROFILES.xml'),
 )
-_LIVE = 5.0  #: [s] after which a command that lasts is asked to stop
-_OPENED = {'open', 'os.listdir', 'os.scandir', 'subprocess.Popen'}
-_CHANGED = {'mkdir', 'rename', 'remove', 'rmdir', 'link', 'symlink', 'truncate', 'chmod', 'utime'}
-_EVENTS = _OPENED | {f'os.{name}' for name in _CHANGED}
+_DURATION = 5.0  #: [s] after which a command that lasts is asked to stop
+_OPENING = {'open', 'os.listdir', 'os.scandir', 'subprocess.Popen'}
+_CHANGING = {'mkdir', 'rename', 'remove', 'rmdir', 'link', 'symlink', 'truncate', 'chmod', 'utime'}
+#: Events of Python's audit hooks.
+_EVENTS = _OPENING | {f'os.{name}' for name in _CHANGING}
 #: What libraries keep in the user's own home, and words of a command that are no files.
 _OF_LIBRARIES = ('home/.cache', 'home/.config', 'home/.fonts', 'home/.local/share', '-', 'fc-list')
 #: The name of a new bag, so that two runs make the same.
 _DATE = '2026-01-02_03-04-05'
-_MODEL = """\
-def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
-    return [x + ts * v, y, psi, v + ts * a]
-"""
-_CONTROLLER = """\
-class PID:
-    def __init__(self, kp=30.0, ki=200.0, kd=0.1):
-        self.kp, self.ki, self.kd, self.sum = kp, ki, kd, 0.0
-
-    def acc_calculate(self, speed_reference, speed_current, dt):
-        self.sum += (speed_reference - speed_current) * dt
-        return self.kp * (speed_reference - speed_current) + self.ki * self.sum
-"""
-_RELAY = """\
-def relay(linear_x, angular_z):
-    return [2.0 * linear_x, 0.3 * angular_z]
-"""
+_SUBMISSION = Path(__file__).parents[1] / 'submission'
 _FILES = {
     'road.csv': 'start_m,grade_deg\n0,0\n20,10\n',
     'values.yaml': 'vehicle_simulator:\n  ros__parameters:\n    mass: 1000.0\n',
@@ -136,11 +121,11 @@ def _pipe(path: Path, _: Path) -> None:
 
 
 def _socket(path: Path, _: Path) -> None:
-    before = Path.cwd()
+    folder = Path.cwd()
     os.chdir(path.parent)  # a socket's path is at most 108 characters
-    with socket.socket(socket.AF_UNIX) as bound:
-        bound.bind(path.name)
-    os.chdir(before)
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(path.name)
+    os.chdir(folder)
 
 
 def _hard_link(path: Path, outside: Path) -> None:
@@ -168,46 +153,55 @@ def commands() -> dict[str, int]:
 
 def trials(seed: int, numbers: range) -> Iterator[Trial]:
     """Yield what became of each command."""
-    often = commands()
+    weights = commands()
     for number in numbers:
         chance = Random(f'{seed} {number}')  # noqa: S311 (no secret)
-        command = chance.choices([*often], [*often.values()])[0]
+        command = chance.choices([*weights], [*weights.values()])[0]
         name = chance.choice(_files(command))
         kind = chance.choice([*_KINDS])
         with tempfile.TemporaryDirectory() as folder:
-            yield _try(number, command, name, kind, made(Path(folder)))
+            yield _try(number, command, name, kind, copy_of_original(Path(folder)))
 
 
 def _try(number: int, command: str, name: str, kind: str, place: Place) -> Trial:
-    path = place.inside / name
+    """Run a command with something else in place of a file."""
+    _replace_file(place.inside / name, kind, place.outside)
+    before = _content(place.outside)
+    start = time.monotonic()
+    outcome, reason = judge(_run(command, place.inside))
+    seconds = time.monotonic() - start
+    after = _content(place.outside)
+
+    harm = {path for path, content in before.items() if after.get(path) != content}
+    # A folder that the user names, or has at home, may be a link.
+    is_users_folder = name in (*command.split(), 'bags', 'out') or name.startswith('home/')
+    if not is_users_folder:
+        harm |= after.keys() - before.keys()
+    if harm:
+        outcome = ESCAPE
+        reason = f'changed {sorted(harm)} outside'
+    if reason:
+        reason = f'barc {command}, {kind} at {name}: {reason}'
+    return Trial(number, kind, outcome, seconds, 0.0, reason)
+
+
+def _replace_file(path: Path, kind: str, outside: Path) -> None:
+    """Put something else in place of a file, or where there is none yet."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path)
     path.unlink(missing_ok=True)
     path.parent.mkdir(parents=True, exist_ok=True)
-    _KINDS[kind](path, place.outside)
-    before = _content(place.outside)
-    began = time.monotonic()
-    title = f'barc {command}, {kind} at {name}'
-    outcome, why = judge(_run(command, place.inside))
-    why = why and f'{title}: {why}'
-    after = _content(place.outside)
-    harm = {each for each, what in before.items() if after.get(each) != what}
-    # A folder that the user names, or has at home, may be a link.
-    if name not in (*command.split(), 'bags', 'out') and not name.startswith('home/'):
-        harm |= after.keys() - before.keys()
-    if harm:
-        outcome = ESCAPE
-        why = f'{title}: changed {sorted(harm)} outside'
-    return Trial(number, kind, outcome, time.monotonic() - began, 0.0, why)
+    _KINDS[kind](path, outside)
 
 
-def _run(command: str, folder: Path, notes: Path | None = None) -> Ended:
+def _run(command: str, folder: Path, notes: Path | None = None) -> CommandEnd:
     """Run a command, beside a node where it needs one; note the files that it uses in `notes`."""
-    with socket.create_server(('127.0.0.1', 0)) as free:
-        words = command.format(port=free.getsockname()[1]).split()
-    live = _LIVE if command in _LASTING | _LASTING_OF_ROS else None
+    with socket.create_server(('127.0.0.1', 0)) as server:
+        port = server.getsockname()[1]  # a free one
+    words = command.format(port=port).split()
+    duration = _DURATION if command in _LASTING | _LASTING_OF_ROS else None
     with _node() if command.startswith(_BESIDE_A_NODE) else nullcontext():
-        return run(words, folder, lambda: _prepare(notes), live)
+        return run(words, folder, lambda: _prepare(notes), duration)
 
 
 @contextmanager
@@ -229,40 +223,20 @@ def _node() -> Iterator[None]:
 
 def _content(folder: Path) -> dict[str, object]:
     """Return what lies in a folder: kinds, times and bytes."""
-    found: dict[str, object] = {}
+    content: dict[str, object] = {}
     for path in sorted(folder.rglob('*')):
         status = path.lstat()
         data = path.read_bytes() if stat.S_ISREG(status.st_mode) else b''
-        changed = 0 if path.is_dir() else status.st_mtime_ns
-        found[str(path.relative_to(folder))] = status.st_mode, changed, data
-    return found
+        time_of_change = 0 if path.is_dir() else status.st_mtime_ns
+        content[str(path.relative_to(folder))] = (status.st_mode, time_of_change, data)
+    return content
 
 
 @cache
 def _original() -> Path:
     """Return a folder with a bag, one of a killed run, a lab, a class and a road."""
     folder = Path(tempfile.mkdtemp(prefix='fuzz_links_'))
-    inside = folder / 'inside'
-    for name in ('out', 'home', 'bags', 'class'):
-        (inside / name).mkdir(parents=True)
-    for name, text in _FILES.items():
-        (inside / name).write_text(text, encoding='ascii')
-    for words in ('new lab', f'{_RUN} --engine local --bag-dir made'):
-        ended = run(words.split(), inside, _prepare)
-        if ended.code:
-            raise RuntimeError(ended.text)
-    (inside / 'lab' / 'bike_model.py').write_text(_MODEL, encoding='ascii')
-    (inside / 'lab' / 'controller.py').write_text(_CONTROLLER, encoding='ascii')
-    (inside / 'lab' / 'relay.py').write_text(_RELAY, encoding='ascii')
-    shutil.copytree(inside / 'lab', inside / 'class' / 'ada')
-    for name, form in (('bob', 'zip'), ('eve', 'gztar')):
-        shutil.make_archive(str(inside / 'class' / name), form, inside / 'lab')
-    (made,) = (inside / 'made').iterdir()
-    made.replace(inside / _BAG)
-    (inside / 'made').rmdir()
-    shutil.copytree(inside / _BAG, inside / _KILLED)
-    (killed,) = (inside / _KILLED).glob('*.mcap')
-    os.truncate(killed, killed.stat().st_size // 2)
+    _make_inside(folder / 'inside')
     outside = folder / 'outside'
     (outside / 'folder').mkdir(parents=True)
     for path in (outside / 'file', outside / 'folder' / 'file'):
@@ -270,13 +244,36 @@ def _original() -> Path:
     return folder
 
 
+def _make_inside(inside: Path) -> None:
+    for name in ('out', 'home', 'bags', 'class'):
+        (inside / name).mkdir(parents=True)
+    for name, text in _FILES.items():
+        (inside / name).write_text(text, encoding='ascii')
+    for command in ('new lab', f'{_RUN} --engine local --bag-dir new_bags'):
+        end = run(command.split(), inside, _prepare)
+        if end.code:
+            raise RuntimeError(end.text)
+
+    shutil.copytree(_SUBMISSION, inside / 'lab', dirs_exist_ok=True)
+    shutil.copytree(inside / 'lab', inside / 'class' / 'ada')
+    for name, form in (('bob', 'zip'), ('eve', 'gztar')):
+        shutil.make_archive(str(inside / 'class' / name), form, inside / 'lab')
+
+    (bag,) = (inside / 'new_bags').iterdir()
+    bag.replace(inside / _BAG)
+    (inside / 'new_bags').rmdir()
+    shutil.copytree(inside / _BAG, inside / _KILLED)
+    (file,) = (inside / _KILLED).glob('*.mcap')
+    os.truncate(file, file.stat().st_size // 2)
+
+
 def original() -> None:
     """Make what all trials begin with."""
     _original()
 
 
-def made(folder: Path) -> Place:
-    """Return a copy of what all trials begin with."""
+def copy_of_original(folder: Path) -> Place:
+    """Return a copy, in `folder`, of what all trials begin with."""
     shutil.copytree(_original(), folder, dirs_exist_ok=True)
     return Place(folder / 'inside', folder / 'outside')
 
@@ -287,49 +284,76 @@ def _files(command: str) -> list[str]:
 
     A file whose name differs from run to run, such as a temporary one, cannot be foreseen.
     """
-    runs = []
-    for _ in range(2):
-        with tempfile.TemporaryDirectory() as folder:
-            place = made(Path(folder))
-            notes = Path(folder) / 'notes'
-            ended = _run(command, place.inside, notes)
-            if ended.code not in (0, 1):  # of `check`: something is not right
-                raise RuntimeError(f'barc {command}: {judge(ended)[1] or ended.text}')
-            used = notes.read_text(encoding='utf-8', errors='surrogateescape').split('\0')
-            root = f'{place.inside}{os.sep}'
-            paths = {os.path.normpath(path) for path in used if path.startswith(root)}
-            runs.append({path.removeprefix(root) for path in paths})
-    found = (runs[0] & runs[1]) - {''}
-    # The processes that run a user's code note nothing: all in a folder that is used counts.
+    paths = (_noted_paths(command) & _noted_paths(command)) - {''}
     inside = _original() / 'inside'
-    found |= {word for word in command.split() if (inside / word).exists()}
-    found |= {
-        str(path.relative_to(inside)) for used in {*found} for path in (inside / used).glob('**/*')
-    }
-    of_ros = _FILES_OF_ROS if command in _OF_ROS | _LASTING_OF_ROS else ()
-    return sorted([path for path in found if not path.startswith(_OF_LIBRARIES)] + [*of_ros])
+    paths |= {word for word in command.split() if (inside / word).exists()}
+
+    # The processes that run a user's code note nothing: all in a folder that is used counts.
+    for folder in sorted(paths):
+        paths |= {str(path.relative_to(inside)) for path in (inside / folder).glob('**/*')}
+
+    files = [path for path in paths if not path.startswith(_OF_LIBRARIES)]
+    if command in _OF_ROS | _LASTING_OF_ROS:
+        files += _FILES_OF_ROS
+    return sorted(files)
+
+
+def _noted_paths(command: str) -> set[str]:
+    """Run a command unharmed; return the paths in its folder that it notes."""
+    with tempfile.TemporaryDirectory() as folder:
+        inside = copy_of_original(Path(folder)).inside
+        notes = Path(folder) / 'notes'
+        end = _run(command, inside, notes)
+        if end.code not in (0, 1):  # of `check`: something is not right
+            _, reason = judge(end)
+            raise RuntimeError(f'barc {command}: {reason or end.text}')
+
+        paths = notes.read_text(encoding='utf-8', errors='surrogateescape').split('\0')
+        root = f'{inside}{os.sep}'
+        inner = {os.path.normpath(path) for path in paths if path.startswith(root)}
+        return {path.removeprefix(root) for path in inner}
 
 
 def _prepare(notes: Path | None = None) -> None:
     """Prepare the process of a command: its home, its names of bags, and the notes of its files."""
     os.environ['HOME'] = str(Path.cwd() / 'home')
     os.environ['BARC_SIM_NO_BROWSER'] = '1'
-    real = time.strftime
-    time.strftime = lambda form, *args: _DATE if form == '%Y-%m-%d_%H-%M-%S' else real(form, *args)
-    if not notes:
-        return
+    _fix_date()
+    if notes:
+        _note_files(notes)
+
+
+def _fix_date() -> None:
+    strftime = time.strftime
+
+    def strftime_of_one_day(form: str, *args: Any) -> str:  # noqa: ANN401 (of strftime)
+        if form == '%Y-%m-%d_%H-%M-%S':
+            return _DATE
+        return strftime(form, *args)
+
+    time.strftime = strftime_of_one_day
+
+
+def _note_files(notes: Path) -> None:
+    """Write the paths of all files that Python uses from now on into `notes`."""
     file = os.open(notes, os.O_CREAT | os.O_WRONLY | os.O_APPEND)
     here = Path.cwd()
 
     def note(event: str, arguments: tuple[Any, ...]) -> None:
         if event not in _EVENTS:
             return
-        words: Any = arguments[:1] if event == 'open' else arguments[:2]
-        if event == 'subprocess.Popen':
-            words = [word for word in arguments[1] if os.sep in word]
-        for word in words if isinstance(words, (list, tuple)) else ():
+        for word in _words(event, arguments):
             if isinstance(word, (str, bytes, os.PathLike)):
                 path = os.path.join(here, os.fsdecode(word))  # noqa: PTH118 (no Path in a hook)
                 os.write(file, os.fsencode(path) + b'\0')
 
     sys.addaudithook(note)
+
+
+def _words(event: str, arguments: tuple[Any, ...]) -> Sequence[object]:
+    """Return the arguments of an event that can be paths."""
+    if event == 'open':
+        return arguments[:1]
+    if event == 'subprocess.Popen':
+        return [word for word in arguments[1] if os.sep in word]
+    return arguments[:2]

@@ -62,16 +62,16 @@ def original() -> None:
 
 def damaged(chance: Random) -> tuple[str, str, bytes]:
     """Return the suffix of a file, what is damaged in it, and its content."""
-    do = chance.choice([*_REQUESTS])
-    right = _value(RESULTS[do](*_REQUESTS[do]), chance)
+    request = chance.choice([*_REQUESTS])
+    result = _value(RESULTS[request](*_REQUESTS[request]), chance)
     match chance.randrange(4):
         case 0:
-            return '.json', 'any bytes', damage(_reply(right), chance)
+            return '.json', 'any bytes', damage(_reply(result), chance)
         case 1:
-            return '.json', 'a value within', _reply(_with_strange(right, chance))
+            return '.json', 'a value within', _reply(_with_strange(result, chance))
         case 2:
-            return '.json', 'the frame', _framed(right, chance)
-    return '.json', 'numbers of any size', _reply(right)
+            return '.json', 'the frame', _framed(result, chance)
+    return '.json', 'numbers of any size', _reply(result)
 
 
 def _reply(result: object, serial: object = _SERIAL) -> bytes:
@@ -90,7 +90,7 @@ def _value(shape: Shape, chance: Random) -> Any:  # noqa: ANN401, PLR0911 (of an
     if isinstance(shape, Row):
         return [_value(item, chance) for item in shape.items]
     if hasattr(shape, 'fields'):
-        return {name: _value(each, chance) for name, each in shape.fields.items()}
+        return {name: _value(field, chance) for name, field in shape.fields.items()}
     if hasattr(shape, 'item'):
         return chance.choice((None, _value(shape.item, chance)))
     return chance.choice(('', 'Ada', 'bike_model.py, line 3', '\ud800', '\x1b[2J', 'ü' * 60))
@@ -99,8 +99,8 @@ def _value(shape: Shape, chance: Random) -> Any:  # noqa: ANN401, PLR0911 (of an
 def _with_strange(value: Any, chance: Random) -> Any:  # noqa: ANN401 (of any shape)
     """Return the value with another one somewhere in it."""
     if isinstance(value, list) and value and chance.random() < 0.8:  # noqa: PLR2004 (mostly)
-        k = chance.randrange(len(value))
-        return [*value[:k], _with_strange(value[k], chance), *value[k + 1 :]]
+        at = chance.randrange(len(value))
+        return [*value[:at], _with_strange(value[at], chance), *value[at + 1 :]]
     if isinstance(value, dict) and chance.random() < 0.8:  # noqa: PLR2004 (mostly)
         name = chance.choice([*value])
         return value | {name: _with_strange(value[name], chance)}
@@ -140,6 +140,7 @@ class _ForgedCode(JudgedCode):
     def call(self, do: str, *arguments: Any) -> Any:  # noqa: ANN401 (of any shape)
         if self._chance.random() < 0.02:  # noqa: PLR2004 (few)
             raise UserCodeError(f'{do} has failed')
+
         shape = RESULTS[do](*arguments)
         value = _value(shape, self._chance)
         if self._constant and isinstance(value, list) and value:
@@ -150,22 +151,23 @@ class _ForgedCode(JudgedCode):
 
 def _take(path: Path) -> None:
     """Take a reply as that to each request."""
-    data = path.read_bytes()
-    taken = 0
-    for do, arguments in _REQUESTS.items():
-        shape = RESULTS[do](*arguments)
+    first_line = path.read_bytes().partition(b'\n')[0]
+    accepted = 0
+    for request, arguments in _REQUESTS.items():
+        shape = RESULTS[request](*arguments)
         try:
-            result, error = parsed(data.partition(b'\n')[0][: max_size(shape)], _SERIAL)
+            result, error = parsed(first_line[: max_size(shape)], _SERIAL)
             json.dumps((shape.checked(result), error), ensure_ascii=False).encode()
-            taken += 1
+            accepted += 1
         except ValueError:
             continue
-    if not taken:
+    if not accepted:
         raise UserError('no request has such a reply')
 
 
 def uses(chance: Random) -> list[Callable[[Path], object]]:
     """Return what to do with a file, one after the other."""
+    is_judged = chance.random() < 0.1  # noqa: PLR2004 (some: it lasts)
 
     def judge(_: Path) -> None:
         lab = chance.choice(_LABS)
@@ -173,7 +175,8 @@ def uses(chance: Random) -> list[Callable[[Path], object]]:
         for finding in lab.judge(code):
             assert 0.0 <= finding.score <= 1.0, finding  # noqa: S101
             finding.message.encode()
+
         code.chosen_gains()
         code.tolerated()
 
-    return [_take, judge] if chance.random() < 0.1 else [_take]  # noqa: PLR2004 (some: it lasts)
+    return [_take, judge] if is_judged else [_take]

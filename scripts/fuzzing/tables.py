@@ -17,7 +17,7 @@ from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from pathlib import Path
     from random import Random
 
@@ -80,37 +80,56 @@ def _table(chance: Random, share: float, header: str = '') -> str:
     """Return the text of a file, with odd numbers in this `share` of its cells."""
     header = header or chance.choice(_HEADERS)
     columns = header.split(',')[:_MAX_COLUMNS]
-    delimiter = chance.choice(_DELIMITERS) if chance.random() < 0.3 else ','  # noqa: PLR2004
+    delimiter = _odd_at_times(_DELIMITERS, chance)
     lines = [chance.choice(_COMMENTS) for _ in range(chance.choice((0, 0, 0, 0, 1, 3)))]
     lines.append(chance.choice(('', '', '#', '# ', '  #')) + delimiter.join(columns))
+
     for row in _rows(columns, chance):
         cells = [f'{number:.{chance.choice((1, 6, 17))}g}' for number in row]
-        cells = [chance.choice(_NUMBERS) if chance.random() < share else each for each in cells]
+        cells = [chance.choice(_NUMBERS) if chance.random() < share else cell for cell in cells]
         lines.append(delimiter.join(cells))
         if chance.random() < 0.001:  # noqa: PLR2004 (now and then)
             lines.append(chance.choice(_COMMENTS))
-    return chance.choice(_ENDS if chance.random() < 0.3 else _ENDS[:1]).join(lines)  # noqa: PLR2004
+    return _odd_at_times(_ENDS, chance).join(lines)
+
+
+def _odd_at_times(texts: Sequence[str], chance: Random) -> str:
+    """Return the first text, which is the usual one, or sometimes any of them."""
+    if chance.random() < 0.3:  # noqa: PLR2004
+        return chance.choice(texts)
+    return texts[0]
 
 
 def _rows(columns: list[str], chance: Random) -> list[list[float]]:
     """Return rows of numbers: a closed line if there are x and y, else rising numbers."""
     n = chance.choice((0, 1, 2, 3, 10, 100, 1000, 3000))
-    if 'x_m' not in columns:
-        return [
-            [10.0 * k + chance.random() + 0.1, *(chance.uniform(4.0, 9.0) for _ in columns[1:])]
-            for k in range(n)
-        ]
+    if 'x_m' in columns:
+        return _closed_line(n, len(columns) - 2, chance)
+
+    rows = []
+    for k in range(n):
+        first = 10.0 * k + chance.random() + 0.1
+        rows.append([first, *(chance.uniform(4.0, 9.0) for _ in columns[1:])])
+    return rows
+
+
+def _closed_line(n: int, widths: int, chance: Random) -> list[list[float]]:
+    """Return `n` rows with x, y and a number of widths."""
     size = 10.0 ** chance.uniform(-3.0, 5.0)
     laps = chance.choice((0.5, 0.95, 1.0, 1.0, 1.05, 1.5, 3.0))
     lobes = chance.randint(1, 9)
     depth = chance.choice((0.0, 0.1, 0.5, 1.2))
     noise = size * chance.choice((0.0, 0.0, 1e-4, 1e-2))
+
     rows = []
     for k in range(n):
         angle = 2.0 * pi * laps * k / max(n, 1)
         radius = size * (1.0 + depth * cos(lobes * angle)) + chance.gauss(0.0, noise)
-        width = size * chance.choice((0.05, 0.05, 0.2)) if chance.random() < 0.01 else 0.05 * size  # noqa: PLR2004
-        rows.append([radius * cos(angle), radius * sin(angle), *[width] * (len(columns) - 2)])
+        width = 0.05 * size
+        if chance.random() < 0.01:  # noqa: PLR2004 (now and then)
+            width = size * chance.choice((0.05, 0.05, 0.2))
+        rows.append([radius * cos(angle), radius * sin(angle), *[width] * widths])
+
     if rows and chance.random() < 0.2:  # noqa: PLR2004
         rows.insert(chance.randrange(len(rows)), chance.choice(rows))
     return rows
@@ -123,9 +142,9 @@ def _drive_on(path: Path) -> None:
     for share in (0.0, 0.3, 0.999):
         s = share * track.length
         e_y = 0.3 * track.width
-        found = track.frenet(*track.place(s, e_y), s)
-        if not (isfinite(found.s) and isfinite(profile(0.0, s))):
-            raise AssertionError(f'{found} at {s}')
+        position = track.frenet(*track.place(s, e_y), s)
+        if not (isfinite(position.s) and isfinite(profile(0.0, s))):
+            raise AssertionError(f'{position} at {s}')
     track.lines()
 
 

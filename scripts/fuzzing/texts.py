@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from random import Random
 
 clock = time.process_time
-_MOST = 5_000_000  # characters: more than is read
+_MAX_LENGTH = 5_000_000  # characters: more than is read
 _RUBRIC = grade.load_rubric(RUBRICS[0])
 _YAML = (
     'title: "Lab"\nseed: 7\ncriteria: {model.x: 10, model.y: 5.5}\ntask_3:\n  relay.forward: 5\n',
@@ -52,6 +52,8 @@ _SCALARS = (
         '|',
     ),
 )
+#: Values with aliases in them.
+_FORMS = ('[{}]', '{{x: [{}]}}', '{{<<: [{}], b: 1}}', '{{? [{}] : 1}}')
 _ENCODINGS = ('utf-8', 'utf-8-sig', 'utf-16', 'utf-16-le', 'utf-32', 'cp1252', 'utf-7')
 _FOLDERS = ('chen_li_123457_998878_lab-2.zip', 'ada', '', 'x' * 255, 'zoe99')
 
@@ -64,13 +66,11 @@ def damaged(chance: Random) -> tuple[str, str, bytes]:
     """Return the suffix of a file, what is damaged in it, and its content."""
     match chance.randrange(6):
         case 0:
-            return (
-                '.yaml',
-                'any bytes of YAML',
-                text(_encoded(chance.choice(_YAML), chance), chance),
-            )
+            content = _encoded(chance.choice(_YAML), chance)
+            return '.yaml', 'any bytes of YAML', text(content, chance)
         case 1:
-            return '.csv', 'any bytes of CSV', text(_encoded(chance.choice(_CSV), chance), chance)
+            content = _encoded(chance.choice(_CSV), chance)
+            return '.csv', 'any bytes of CSV', text(content, chance)
         case 2:
             return '.yaml', 'aliases', _encoded(_aliases(chance), chance)
         case 3:
@@ -82,24 +82,27 @@ def damaged(chance: Random) -> tuple[str, str, bytes]:
 
 def _encoded(content: str, chance: Random) -> bytes:
     encoding = chance.choice(_ENCODINGS) if chance.random() < 0.3 else 'utf-8'  # noqa: PLR2004 (some)
-    return content[:_MOST].encode(encoding, 'replace')
+    return content[:_MAX_LENGTH].encode(encoding, 'replace')
 
 
 def _aliases(chance: Random) -> str:
     """Return lists and mappings that refer to one another, also to themselves."""
-    count = chance.choice((1, 3, 20, 2_000))
     lines = []
+    count = chance.choice((1, 3, 20, 2_000))
     for k in range(count):
-        others = [f'*a{chance.randrange(k + 1)}' for _ in range(chance.choice((1, 2, 10)))]
-        forms = ('[{}]', '{{x: [{}]}}', '{{<<: [{}], b: 1}}', '{{? [{}] : 1}}')
-        inner = chance.choice(forms).format(', '.join(others))
-        lines.append(f'a{k}: &a{k} {inner if k or chance.random() < 0.5 else "{x: 1}"}\n')  # noqa: PLR2004
+        aliases = [f'*a{chance.randrange(k + 1)}' for _ in range(chance.choice((1, 2, 10)))]
+        value = chance.choice(_FORMS).format(', '.join(aliases))
+        if k == 0 and chance.random() >= 0.5:  # noqa: PLR2004 (half)
+            value = '{x: 1}'
+
+        lines.append(f'a{k}: &a{k} {value}\n')
     return ''.join(lines) + chance.choice(('', 'criteria: *a0\n', 'points: *a0\n'))
 
 
 def _nested(chance: Random) -> str:
     depth = chance.choice((2, 49, 51, 1_000, 60_000))
     form = chance.choice(('[', '{a: ', '- ', '? ', '[{', '"', '!a ', '&a '))
+
     if chance.random() < 0.3:  # noqa: PLR2004 (some)
         return '\n'.join(f'{" " * k}a:' for k in range(min(depth, 600)))
     return chance.choice(('', 'criteria: ', 'points: ')) + form * depth
@@ -108,16 +111,17 @@ def _nested(chance: Random) -> str:
 def _with_values(chance: Random) -> str:
     lines = chance.choice(_YAML).splitlines()
     for _ in range(chance.choice((1, 1, 3))):
-        k = chance.randrange(len(lines))
-        key, colon, _ = lines[k].partition(':')
+        at = chance.randrange(len(lines))
+        key, _, _ = lines[at].partition(':')
         value = chance.choice((*_SCALARS, *TEXTS))
-        lines[k] = f'{key}{colon or ":"} {value}'
+        lines[at] = f'{key}: {value}'
     return '\n'.join(lines)
 
 
 def _table(chance: Random) -> str:
     """Return a roster with other delimiters, line ends, quotes, headers and numbers of cells."""
     rows = [line.split(',') for line in chance.choice(_CSV).splitlines()]
+
     for _ in range(chance.choice((0, 1, 3))):
         row = chance.choice(rows)
         cell = chance.choice((*TEXTS, '"', '""', '"a"b', 'a\rb', '\0', '=1+1', 'name', '  '))
@@ -125,8 +129,11 @@ def _table(chance: Random) -> str:
             row[chance.randrange(len(row))] = cell
         else:
             row += [cell] * chance.choice((1, 2, 3_000))
-    if sum(len(cell) for row in rows for cell in row) < 1_000:  # noqa: PLR2004 (else too much)
+
+    size = sum(len(''.join(row)) for row in rows)
+    if size < 1_000:  # noqa: PLR2004 (else too much)
         rows *= chance.choice((1, 1, 1, 5_000))
+
     delimiter = chance.choice((',', ';', '\t', '|'))
     end = chance.choice(('\n', '\r\n', '\r', ''))
     first = chance.choice(('', '', '', 'sep=;\n', '\n\n', '#', '\ufeff'))
@@ -169,6 +176,6 @@ def _roster(path: Path) -> None:
 
 def uses(chance: Random) -> list[Callable[[Path], object]]:
     """Return what to do with a file, one after the other."""
-    found: list[Callable[[Path], object]] = [_rubric, _by_hand, _parameters, _qos, _roster]
-    chance.shuffle(found)
-    return found
+    readers: list[Callable[[Path], object]] = [_rubric, _by_hand, _parameters, _qos, _roster]
+    chance.shuffle(readers)
+    return readers

@@ -65,6 +65,7 @@ def main() -> None:
     with ros([]):
         node = rclpy.create_node('flooder')
         _wait_for_states(node)
+
         senders = _senders(node, task['mode'], task['seed'])
         print(json.dumps(_flood(_matched(senders), task['rate'], task['seconds'])))
 
@@ -89,6 +90,7 @@ def _senders(node: rclpy.node.Node, mode: str, seed: int) -> list[_Sender]:
         for _ in range(_POOL):
             message = garbage.message(type_name, wild=chance.choice((False, True)))
             pool.append(serialize_message(message))
+
         senders.append(_Sender(publisher, cycle(pool)))
     return senders
 
@@ -100,18 +102,21 @@ def _matched(senders: list[_Sender]) -> list[_Sender]:
         if all(sender.has_subscriber() for sender in senders):
             break
         time.sleep(0.01)
+
     return [sender for sender in senders if sender.has_subscriber()]
 
 
 def _flood(senders: list[_Sender], rate: float, seconds: float) -> dict[str, float]:
     turns = cycle(senders)
     count = 0
-    start = time.perf_counter()
     elapsed = 0.0
+    start = time.perf_counter()
+
     while elapsed < seconds:
         for _ in range(int(elapsed * rate) - count):
             next(turns).publish()
             count += 1
+
         time.sleep(_TICK)
         elapsed = time.perf_counter() - start
     return {'messages': count, 'seconds': elapsed}

@@ -60,11 +60,12 @@ def _figures(mode: str, rate: float, seconds: float, *, in_time: bool) -> list[F
     memory = run['memory'][len(run['memory']) // 3 :]
     growth = max(memory) - memory[0]
     sent_rate = flood['messages'] / flood['seconds']
-    lost = run['recorded'] - run['in_bag']
+    not_in_bag = run['recorded'] - run['in_bag']
+
     figures = [
         Figure('messages sent, 1/s', sent_rate, minimum=0.95 * rate if in_time else 1.0),
         Figure('messages recorded', run['recorded']),
-        Figure('of them not in the bag', lost, maximum=0, minimum=0),
+        Figure('of them not in the bag', not_in_bag, maximum=0, minimum=0),
         Figure('messages that the recorder lost and counted', int(run['lost_messages'])),
         Figure('steps', int(run['steps']), minimum=1),
         # A machine that tests share is late for reasons of its own.

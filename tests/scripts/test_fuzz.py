@@ -97,7 +97,7 @@ def test_each_fault_is_found_and_the_next_file_is_tried(
     monkeypatch.syspath_prepend(FUZZING)
     import _trial  # type: ignore[import-not-found]  # noqa: PLC0415
 
-    monkeypatch.setattr(_trial, '_PATIENCE', 0.5 if use is hang else 60.0)
+    monkeypatch.setattr(_trial, '_TIMEOUT', 0.5 if use is hang else 60.0)
 
     def damaged(chance: Random) -> tuple[str, str, bytes]:
         return '.mcap', f'{chance.random()}', b''
@@ -135,19 +135,16 @@ def test_a_module_of_the_working_directory_that_runs_is_found(
 
     command = 'info ../bag'
     kinds = {'numpy': 'file', 'mcap': 'package', 'csv': 'link', 'yaml': 'compiled'}
-    imported = {*folders._imported(command)}  # noqa: SLF001
+    imported = {*folders.imported_modules(command)}
     assert imported >= kinds.keys()
     assert imported.isdisjoint({'sys', 'matplotlib', 'scipy'})
-    traps = [
-        folders._Trap(number, kind, name)  # noqa: SLF001
-        for number, (name, kind) in enumerate(kinds.items())
-    ]
+    traps = [folders.Trap(number, kind, name) for number, (name, kind) in enumerate(kinds.items())]
 
-    safe = folders._tried(command, traps, folders._Surroundings())  # noqa: SLF001
+    safe = folders.try_traps(command, traps, folders.Surroundings())
     monkeypatch.setattr(
         folders, 'python_command', lambda *words: [sys.executable, '-c', UNSAFE, *words]
     )
-    unsafe = folders._tried(command, traps, folders._Surroundings())  # noqa: SLF001
+    unsafe = folders.try_traps(command, traps, folders.Surroundings())
 
     assert [each.outcome for each in safe] == ['result'] * len(traps)
     assert [(each.number, each.outcome) for each in unsafe] == [
