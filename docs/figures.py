@@ -6,37 +6,37 @@
 from __future__ import annotations
 
 import sys
-from math import atan, cos, radians, sin, tan
+from math import sin
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import numpy as np
+from animations import animate
 from convergence import convergence_figure
 from matplotlib import style
 from matplotlib.figure import Figure
-from matplotlib.patches import Arc, FancyArrowPatch, Rectangle
-from matplotlib.transforms import Affine2D
+from sketches import bicycle, forces_on_the_hill
 
 import barc_sim
-from barc_sim.control.driver import Driver, DriverInput
 from barc_sim.control.speed import KI, KP, PID
 from barc_sim.figures.colours import BLUE, DASHES, EARTH, GREEN, GREY, INK, MUTED, STYLE, SURFACE
 from barc_sim.figures.colours import VERMILLION as RED
 from barc_sim.figures.run_figures import speed_figure
 from barc_sim.figures.track_figure import TRACK_GROUND, track_figure
-from barc_sim.figures.views import SIZE, SideView, TopView, frames
 from barc_sim.interfaces.records import Command, VehicleState
 from barc_sim.simulation.closed_loop import simulate
-from barc_sim.simulation.log import COLUMNS, Log
 from barc_sim.vehicle.bicycles import Slip, bicycle_motion, bicycle_of, bicycle_step
-from barc_sim.vehicle.bike_model import BicycleState, Vehicle, motion, slip_angle, step
+from barc_sim.vehicle.bike_model import BicycleState, Vehicle, slip_angle
 from barc_sim.vehicle.road import LEVEL, Road
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from barc_sim.figures.views import RunView
+    from numpy.typing import NDArray
+
+
+    Vector = NDArray[np.float64]  #: x and y
 
 
 HERE = Path(__file__).parent
@@ -68,155 +68,18 @@ def windup_free(gains: dict[str, float]) -> PID:
         """The same PID, limited after the sum, so that its integral winds up."""
 
         def acc_calculate(self, reference: float, current: float, dt: float = 0.02) -> float:
-            low, high = self.output_min, self.output_max
-            self.output_min, self.output_max = -np.inf, np.inf
+            low = self.output_min
+            high = self.output_max
+            self.output_min = -np.inf
+            self.output_max = np.inf
             output = super().acc_calculate(reference, current, dt)
-            self.output_min, self.output_max = low, high
+
+            self.output_min = low
+            self.output_max = high
             self.saturated = not low < output < high
             return min(max(output, low), high)
 
     return NoAntiWindup(**gains)
-
-
-def bicycle() -> Figure:
-    """Draw the kinematic bicycle with every angle and length of the derivation."""
-    figure = Figure(figsize=(7.2, 4.6))
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.set_aspect('equal')
-    axes.axis('off')
-    psi, d_f, l_f, l_r = radians(20.0), radians(32.0), 2.2, 2.2
-    beta = atan(l_r / (l_f + l_r) * tan(d_f))
-    along, across = np.array([cos(psi), sin(psi)]), np.array([-sin(psi), cos(psi)])
-    rear, front = np.zeros(2), (l_f + l_r) * along
-    centre = l_r * along
-    icr = (l_f + l_r) / tan(d_f) * across
-
-    def line(a: Any, b: Any, colour: str = INK, **kwargs: Any) -> None:
-        axes.plot(*zip(a, b, strict=True), color=colour, **{'lw': 1.4} | kwargs)
-
-    def wheel(at: Any, angle: float) -> None:
-        turned = Affine2D().rotate(angle).translate(*at) + axes.transData
-        axes.add_patch(
-            Rectangle((-0.5, -0.15), 1.0, 0.3, color=SURFACE, transform=turned, zorder=3)
-        )
-
-    def arc(at: Any, radius: float, low: float, high: float, text: str) -> None:
-        span = np.degrees([low, high])
-        axes.add_patch(
-            Arc(at, 2 * radius, 2 * radius, theta1=span[0], theta2=span[1], color=RED, lw=1.3)
-        )
-        mid = 0.5 * (low + high)
-        put = np.asarray(at) + (radius + 0.28) * np.array([cos(mid), sin(mid)])
-        axes.text(*put, text, color=RED, ha='center', va='center', fontsize=13)
-
-    for wheel_at in (rear, front, centre):
-        line(wheel_at, icr, GREY, ls=DASHES, lw=1.0)
-    line(rear, front, INK, lw=2.4)
-    wheel(rear, psi)
-    wheel(front, psi + d_f)
-    line(centre, np.add(centre, (3.0, 0.0)), GREY, lw=1.0)
-    line(centre, centre + 3.2 * along, GREY, ls=DASHES, lw=1.0)
-    line(front, front + 1.7 * along, GREY, ls=DASHES, lw=1.0)
-    steered = np.array([cos(psi + d_f), sin(psi + d_f)])
-    line(front, front + 1.7 * steered, GREY, ls=DASHES, lw=1.0)
-    moving = np.array([cos(psi + beta), sin(psi + beta)])
-    axes.add_patch(
-        FancyArrowPatch(
-            centre,
-            centre + 2.6 * moving,
-            color=BLUE,
-            lw=2.2,
-            mutation_scale=16,
-            arrowstyle='-|>',
-            shrinkA=0,
-            shrinkB=0,
-            zorder=4,
-        )
-    )
-    axes.text(*(centre + 2.8 * moving), 'v', color=BLUE, fontsize=14, style='italic')
-    arc(centre, 2.35, 0.0, psi, 'ψ')
-    arc(centre, 1.5, psi, psi + beta, 'β')
-    arc(front, 1.35, psi, psi + d_f, 'δ')
-    axes.plot(*centre, 'o', color=INK, ms=6, zorder=5)
-    axes.plot(*icr, 'o', color=GREEN, ms=6)
-    axes.text(icr[0] - 0.2, icr[1] + 0.1, 'O', color=GREEN, fontsize=13, ha='right')
-    below = -0.45 * across
-    for a, b, text in ((rear, centre, r'$l_r$'), (centre, front, r'$l_f$')):
-        axes.add_patch(
-            FancyArrowPatch(
-                a + below,
-                b + below,
-                color=MUTED,
-                arrowstyle='<->',
-                mutation_scale=9,
-                shrinkA=0,
-                shrinkB=0,
-            )
-        )
-        axes.text(
-            *(0.5 * (a + b) + 1.75 * below),
-            text,
-            color=MUTED,
-            fontsize=13,
-            ha='center',
-            va='center',
-            parse_math=True,
-        )
-    axes.text(*(0.5 * (icr + centre) + [-0.15, 0.1]), 'R', color=MUTED, fontsize=13, ha='right')
-    axes.text(*(centre - [0.1, 0.45]), 'C', color=INK, fontsize=12)
-    axes.autoscale_view()
-    axes.set_xlim(-3.2, 7.4)
-    axes.set_ylim(-1.4, 7.2)
-    figure.set_size_inches(7.2, 5.8)
-    return figure
-
-
-def forces_on_the_hill() -> Figure:
-    """Draw the forces along the road on an incline."""
-    figure = Figure(figsize=(6.4, 3.2))
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.set_aspect('equal')
-    axes.axis('off')
-    theta = radians(16.0)
-    along, up = np.array([cos(theta), sin(theta)]), np.array([-sin(theta), cos(theta)])
-    axes.fill(
-        [-3.4, 4.6, 4.6],
-        [-3.4 * tan(theta), 4.6 * tan(theta), -3.4 * tan(theta)],
-        color=EARTH,
-        zorder=0,
-    )
-    turned = Affine2D().rotate(theta).translate(*(0.18 * up)) + axes.transData
-    axes.add_patch(Rectangle((-1.0, 0.1), 2.0, 0.55, color=SURFACE, transform=turned))
-    middle = 0.5 * up
-
-    def arrow(at: Any, to: Any, text: str, colour: str, at_text: Any) -> None:
-        axes.add_patch(
-            FancyArrowPatch(
-                at,
-                to,
-                color=colour,
-                lw=2.0,
-                arrowstyle='-|>',
-                mutation_scale=15,
-                shrinkA=0,
-                shrinkB=0,
-                zorder=4,
-            )
-        )
-        axes.text(*at_text, text, color=colour, fontsize=12, parse_math=True)
-
-    front, rear = middle + 1.0 * along, middle - 1.0 * along
-    arrow(front, front + 1.5 * along, '$m\\,a$', BLUE, front + 1.1 * along + 0.28 * up)
-    arrow(rear, rear - 1.6 * along, '$m\\,g\\,\\sin\\theta$', RED, rear - 2.1 * along + 0.3 * up)
-    drag = rear - 0.32 * up
-    arrow(drag, drag - 0.9 * along, '$a_0 v^2 + F_f$', GREEN, drag - [0.45, 0.62])
-    arrow(middle, middle - [0.0, 1.7], '$m\\,g$', MUTED, middle - [-0.12, 1.55])
-    corner = np.array([-3.4, -3.4 * tan(theta)])
-    axes.add_patch(Arc(corner, 2.4, 2.4, theta1=0.0, theta2=16.0, color=INK, lw=1.2))
-    axes.text(*(np.add(corner, (1.3, 0.12))), 'θ', color=INK, fontsize=13)
-    axes.set_xlim(-3.8, 4.8)
-    axes.set_ylim(-1.45, 2.5)
-    return figure
 
 
 def course() -> Figure:
@@ -225,15 +88,16 @@ def course() -> Figure:
     figure = Figure(figsize=(9.0, 2.6))
     figure.set_layout_engine('constrained')
     axes = figure.subplots()
+
     s = np.linspace(0.0, 180.0, 361)
-    height = np.array([road.elevation(each) for each in s])
-    axes.fill_between(s, -2.0, height, color=EARTH, lw=0.0)
-    axes.plot(s, height, color=SURFACE, lw=2.2)
+    elevation = np.array([road.elevation(position) for position in s])
+    axes.fill_between(s, -2.0, elevation, color=EARTH, lw=0.0)
+    axes.plot(s, elevation, color=SURFACE, lw=2.2)
     for start, grade in zip(road.starts, road.grades_deg, strict=True):
-        side = 'right' if grade > 0.0 else 'left' if grade < 0.0 else 'center'  # beside a slope
-        axes.text(
-            start + 10.0, road.elevation(start + 10.0) + 0.9, f'{grade:g}°', ha=side, color=INK
-        )
+        x = start + 10.0
+        y = road.elevation(x) + 0.9
+        axes.text(x, y, f'{grade:g}°', ha=_side_of_slope(grade), color=INK)
+
     axes.set_ylim(-2.0, 13.0)
     axes.set_xlim(0.0, 180.0)
     axes.set_xlabel('Position along the road [m]')
@@ -241,9 +105,31 @@ def course() -> Figure:
     return figure
 
 
+def _side_of_slope(grade: float) -> str:
+    """Return the end of a text that is nearest to the slope, so that the text is beside it."""
+    if grade > 0.0:
+        return 'right'
+    if grade < 0.0:
+        return 'left'
+    return 'center'
+
+
 def drive_of_the_lab() -> Figure:
     """Draw the run with the default gains."""
     return speed_figure(simulate(), title='The course with the default gains')
+
+
+def _motions(dynamics: str, v: float, steps: int, steering: float) -> list[VehicleState]:
+    """Return the motions of a bicycle that begins straight, with constant steering [rad]."""
+    bicycle = bicycle_of(dynamics, 'rk4', Vehicle(air_drag_coeff=0.0, friction=0.0))
+    command = Command(0.0, steering)
+    state = BicycleState(v=v)
+    slip = Slip()
+    motions = []
+    for _ in range(steps):
+        state, slip = bicycle_step(bicycle, state, slip, command, LEVEL, 0, 0.005)
+        motions.append(bicycle_motion(bicycle, state, slip, steering))
+    return motions
 
 
 def kinematic_and_dynamic() -> Figure:
@@ -253,29 +139,21 @@ def kinematic_and_dynamic() -> Figure:
     rate, way = figure.subplots(1, 2)
     steering = 0.05
     speeds = np.arange(4.0, 31.0, 1.0)
-    vehicle = Vehicle(air_drag_coeff=0.0, friction=0.0)
+    kinematic = [v / Vehicle().l_r * sin(slip_angle(steering)) for v in speeds]
+    dynamic = [_motions('dynamic', v, 600, steering)[-1].psi_dot for v in speeds]
 
-    def driven(dynamics: str, v: float, steps: int) -> list[VehicleState]:
-        bicycle = bicycle_of(dynamics, 'rk4', vehicle)
-        held = Command(0.0, steering)
-        state, slip = BicycleState(v=v), Slip()
-        motions = []
-        for _ in range(steps):
-            state, slip = bicycle_step(bicycle, state, slip, held, LEVEL, 0, 0.005)
-            motions.append(bicycle_motion(bicycle, state, slip, steering))
-        return motions
-
-    kinematic = [v / vehicle.l_r * sin(slip_angle(steering)) for v in speeds]
-    dynamic = [driven('dynamic', v, 600)[-1].psi_dot for v in speeds]
     rate.plot(speeds, np.degrees(kinematic), color=BLUE, label='kinematic')
     rate.plot(speeds, np.degrees(dynamic), color=RED, label='dynamic')
     rate.set_xlabel('Speed [m/s]')
     rate.set_ylabel('Steady yaw rate [°/s]')
     rate.set_title('Steering 0.05 rad', loc='left', fontsize=11)
     rate.legend()
+
     for name, colour in (('kinematic', BLUE), ('dynamic', RED)):
-        states = driven(name, 20.0, 800)
-        way.plot([s.x for s in states], [s.y for s in states], color=colour, label=name)
+        motions = _motions(name, 20.0, 800, steering)
+        xs = [motion.x for motion in motions]
+        ys = [motion.y for motion in motions]
+        way.plot(xs, ys, color=colour, label=name)
     way.set_aspect('equal')
     way.set_xlabel('x [m]')
     way.set_ylabel('y [m]')
@@ -289,22 +167,21 @@ def hill() -> Figure:
     figure = Figure(figsize=(9.0, 5.4))
     figure.set_layout_engine('constrained', h_pad=0.08)
     speed, terms = figure.subplots(2, 1, sharex=True)
-    runs = {
-        'P: kp 30': (GREEN, simulate(KP, 0.0, 0.0, road=HILL, distance=110.0)),
-        'PI: kp 30, ki 200': (BLUE, simulate(KP, KI, 0.0, road=HILL, distance=110.0)),
-    }
     for axes in (speed, terms):
         axes.axvspan(40.0, 80.0, color=EARTH, lw=0.0, zorder=0)
-    for name, (colour, log) in runs.items():
-        speed.plot(log.distance, log.speed, color=colour, label=name)
+
+    p = simulate(KP, 0.0, 0.0, road=HILL, distance=110.0)
+    pi = simulate(KP, KI, 0.0, road=HILL, distance=110.0)
+    speed.plot(p.distance, p.speed, color=GREEN, label='P: kp 30')
+    speed.plot(pi.distance, pi.speed, color=BLUE, label='PI: kp 30, ki 200')
     speed.axhline(8.0, color=MUTED, ls=DASHES, lw=1.0)
     speed.set_ylim(7.85, 8.15)
     speed.set_ylabel('Speed [m/s]')
     speed.legend(loc='upper right', ncols=2)
-    log = runs['PI: kp 30, ki 200'][1]
-    terms.plot(log.distance, log.proportional, color=RED, label='P')
-    terms.plot(log.distance, log.integral, color=BLUE, label='I')
-    terms.plot(log.distance, log.motor, color=INK, lw=1.0, label='command')
+
+    terms.plot(pi.distance, pi.proportional, color=RED, label='P')
+    terms.plot(pi.distance, pi.integral, color=BLUE, label='I')
+    terms.plot(pi.distance, pi.motor, color=INK, lw=1.0, label='command')
     terms.set_xlim(30.0, 110.0)
     terms.set_ylim(-2.6, 4.2)
     terms.set_ylabel('Terms of PI [m/s²]')
@@ -326,15 +203,17 @@ def windup() -> Figure:
     figure.set_layout_engine('constrained', h_pad=0.08)
     speed, integral = figure.subplots(2, 1, sharex=True)
     gains = {'kp': KP, 'ki': KI, 'kd': 0.0}
-    for name, colour, log in (
-        ('with anti-windup', BLUE, simulate(**gains, road='flat', distance=60.0)),
-        ('without', RED, simulate(controller=windup_free(gains), road='flat', distance=60.0)),
-    ):
-        speed.plot(log.t, log.speed, color=colour, label=name)
-        integral.plot(log.t, log.integral, color=colour)
+    log = simulate(**gains, road='flat', distance=60.0)
+    log_without = simulate(controller=windup_free(gains), road='flat', distance=60.0)
+
+    speed.plot(log.t, log.speed, color=BLUE, label='with anti-windup')
+    speed.plot(log_without.t, log_without.speed, color=RED, label='without')
     speed.axhline(8.0, color=MUTED, ls=DASHES, lw=1.0)
     speed.set_ylabel('Speed [m/s]')
     speed.legend(loc='lower right')
+
+    integral.plot(log.t, log.integral, color=BLUE)
+    integral.plot(log_without.t, log_without.integral, color=RED)
     integral.set_ylabel('Integral [m/s²]')
     integral.set_xlabel('Time [s]')
     return figure
@@ -353,77 +232,36 @@ FIGURES: dict[str, Callable[[], Figure]] = {
 }
 
 
-def _newest_source() -> float:
-    package = Path(barc_sim.__file__).parent
-    rooms = ('vehicle', 'control', 'simulation', 'figures')
-    sources = [Path(__file__), *(path for room in rooms for path in (package / room).rglob('*.py'))]
-    return max(path.stat().st_mtime for path in sources)
-
-
 def draw_missing() -> None:
     """Draw the figures that are not there, or are older than what draws them."""
     FOLDER.mkdir(exist_ok=True)
     newest = _newest_source()
     for name, make in FIGURES.items():
-        light, dark = (FOLDER / f'{name}-{look}.svg' for look in ('light', 'dark'))
+        light = FOLDER / f'{name}-light.svg'
+        dark = FOLDER / f'{name}-dark.svg'
         if dark.is_file() and dark.stat().st_mtime > newest:
             continue
+
         with style.context(STYLE):
             figure = make()
         with mpl.rc_context({'svg.hashsalt': name, 'svg.fonttype': 'path'}):
             figure.savefig(light, transparent=True, metadata={'Date': None})
-        text = light.read_text(encoding='utf-8')
-        for bright, dim in DARK.items():
-            text = text.replace(bright.lower(), dim.lower())
-        dark.write_text(text, encoding='utf-8')
+        dark.write_text(_darkened(light.read_text(encoding='utf-8')), encoding='utf-8')
 
 
-def eight_by_hand(ts: float = 0.02) -> Log:
-    """Return the log of a figure of eight, driven with the arrow keys."""
-    vehicle, driver, state = Vehicle(), Driver(), BicycleState()
-    command, called, rows = Command(), -1.0, []
-    for k in range(round(16.0 / ts)):
-        t = k * ts
-        if t - called > driver.dt - 1e-9:
-            called = t
-            turn = 0.0 if t < 1.0 else 1.0 if t < 8.7 else -1.0  # noqa: PLR2004 (the keys held)
-            driver.receive(DriverInput(float(t < 1.3), turn), t)  # noqa: PLR2004
-            command = driver.command(t, state.v)
-        now = motion(state, command.servo, vehicle)
-        rows.append((t, now.x, now.y, now.psi, now.v_x, now.v_y, now.psi_dot, *command))
-        state = step(state, command, 0.0, vehicle, ts)
-    zeros = np.zeros(len(rows))
-    names = ('t', 'x', 'y', 'psi', 'v_x', 'v_y', 'psi_dot', 'motor', 'servo')
-    columns = dict.fromkeys(COLUMNS, zeros) | {'reference': np.full(len(rows), np.nan)}
-    return Log(**(columns | dict(zip(names, np.array(rows).T, strict=True))))
+def _newest_source() -> float:
+    """Return the time of the last change of these programs and of the package's rooms."""
+    package = Path(barc_sim.__file__).parent
+    sources = [*HERE.glob('*.py')]
+    for room in ('vehicle', 'control', 'simulation', 'figures'):
+        sources += (package / room).rglob('*.py')
+    return max(path.stat().st_mtime for path in sources)
 
 
-def animate() -> None:
-    """Save the hills from the side, and a drive by hand from above."""
-    size = (0.86 * SIZE[0], 0.86 * SIZE[1])  # so that the words are large in a small picture
-    figure = Figure(figsize=size, dpi=640 / size[0])
-    _save(IMAGES / 'course.webp', SideView(simulate(), figure, title='barc acc'), 12)
-    # Smaller, as all of it moves.
-    figure = Figure(figsize=size, dpi=480 / size[0])
-    _save(IMAGES / 'drive.webp', TopView(eight_by_hand(), figure, title='barc teleop'), 8)
-
-
-def _save(path: Path, view: RunView, fps: int, seconds: float = 15.0) -> None:
-    """Save the last `seconds` of a view as a WebP of few colours."""
-    from PIL import Image  # noqa: PLC0415 (for this alone)
-
-    times = np.arange(view.duration - seconds, view.duration, 1.0 / fps)
-    stills = [Image.fromarray(each).convert('RGB') for each in frames(view, times)]
-    stills[0].save(
-        path,
-        save_all=True,
-        append_images=stills[1:],
-        duration=1000 // fps,
-        loop=0,
-        quality=50,
-        method=4,
-        minimize_size=True,
-    )
+def _darkened(svg: str) -> str:
+    for light, dark in DARK.items():
+        svg = svg.replace(light.lower(), dark.lower())
+    return svg
 
 
 if __name__ == '__main__':
