@@ -134,16 +134,16 @@ class Tab:
     def problems(self) -> list[str]:
         """Errors and warnings on the console, and exceptions, so far."""
         self.run('0')  # earlier messages of the console have arrived then
-        found = []
+        problems_so_far = []
         for event in self._events:
             method, params = event['method'], event['params']
             if method == 'Runtime.exceptionThrown':
-                found.append(str(params['exceptionDetails']))
+                problems_so_far.append(str(params['exceptionDetails']))
             elif method == 'Runtime.consoleAPICalled' and params['type'] in ('error', 'warning'):
-                found.append(str(params['args']))
+                problems_so_far.append(str(params['args']))
             elif method == 'Log.entryAdded' and params['entry']['level'] in ('error', 'warning'):
-                found.append(f'{params["entry"]["text"]} {params["entry"].get("url")}')
-        return found
+                problems_so_far.append(f'{params["entry"]["text"]} {params["entry"].get("url")}')
+        return problems_so_far
 
     def ask(self, method: str, **params: Any) -> dict[str, Any]:  # noqa: ANN401 (the protocol's)
         """Return the browser's answer to a command."""
@@ -326,8 +326,8 @@ class Tab:
 
     def media(self, kind: str = '', **features: str) -> None:
         """Set features of the medium, such as `forced_colors='active'`, and its kind ('print')."""
-        given = [{'name': k.replace('_', '-'), 'value': v} for k, v in features.items()]
-        self.ask('Emulation.setEmulatedMedia', media=kind, features=given)
+        settings = [{'name': k.replace('_', '-'), 'value': v} for k, v in features.items()]
+        self.ask('Emulation.setEmulatedMedia', media=kind, features=settings)
 
     def violations(self, axe: Path) -> list[str]:
         """Return what the checker axe-core, in the file `axe`, finds wrong on the page."""

@@ -51,16 +51,16 @@ def barc(*words: str, main: Callable[..., int] = main) -> subprocess.CompletedPr
 
 def printed(*words: str, code: int = 0) -> str:
     """Run `barc COMMAND` in this process, which ends with `code`; return what it prints."""
-    done = barc(*words)
-    assert done.returncode == code, done.stderr
-    return done.stdout
+    result = barc(*words)
+    assert result.returncode == code, result.stderr
+    return result.stdout
 
 
 def refused(*words: str) -> str:
     """Run `barc COMMAND` in this process, which refuses in one line; return that line."""
-    done = barc(*words)
-    assert (done.returncode, done.stdout) == (2, '')
-    (line,) = done.stderr.splitlines()
+    result = barc(*words)
+    assert (result.returncode, result.stdout) == (2, '')
+    (line,) = result.stderr.splitlines()
     assert line.startswith(f'barc {words[0]}: error: ')
     return line
 
@@ -82,19 +82,19 @@ def acc(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
 
 def bag_of(folder: Path, *options: str) -> Path:
     """Run `acc` in `folder` and return its bag."""
-    done = acc(folder, *options)
-    assert done.returncode == 0, done.stderr
-    return folder / done.stdout.strip()
+    process = acc(folder, *options)
+    assert process.returncode == 0, process.stderr
+    return folder / process.stdout.strip()
 
 
 def messages(path: Path) -> dict[str, list[Any]]:
     """Return the messages of a bag by topic, in the order of their reception."""
-    found: dict[str, list[Any]] = {}
+    by_topic: dict[str, list[Any]] = {}
     with AnyReader([path]) as reader:
         for connection, _, data in reader.messages():
             message = reader.deserialize(data, connection.msgtype)
-            found.setdefault(connection.topic, []).append(message)
-    return found
+            by_topic.setdefault(connection.topic, []).append(message)
+    return by_topic
 
 
 @contextmanager

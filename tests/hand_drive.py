@@ -40,14 +40,14 @@ def drive_by_hand(
     period_ns, dt_ns = plant.period_ns, round(driver.dt * 1e9)
     due_ns = 0
     for k in range(round(duration / plant.ts) + 1):
-        seen = plant.observe()
+        observation = plant.observe()
         while due_ns < (k + 1) * period_ns:
             t = due_ns / 1e9
             while waiting and waiting[0][0] <= t:
                 received, request = waiting.popleft()
                 driver.receive(request, received)
-            command = driver.command(t, seen.measured.v_x)
+            command = driver.command(t, observation.measured.v_x)
             due_ns += dt_ns
-        rows.append((seen, command, (False,)))
+        rows.append((observation, command, (False,)))
         plant.advance(command)
     return log_of_rows(rows, period_ns)

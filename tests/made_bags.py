@@ -78,10 +78,10 @@ def encoded(log: Log, k: int, topic: str) -> bytes:
     if source == PID_STATE:
         values |= {'measurement': 0.0, 'error': 0.0, 'output': 0.0}
     if topic == LANE_STATE:
-        own = {name: each for name, each in log.own_terms.items() if name.startswith(LANE)}
+        lane_terms = {name: each for name, each in log.own_terms.items() if name.startswith(LANE)}
         values |= {'e_y': 0.0, 'e_psi': 0.0, 'output': 0.0}
-        values['names'] = [name.removeprefix(LANE) for name in own]
-        values['values'] = np.array([each[k] for each in own.values()])
+        values['names'] = [name.removeprefix(LANE) for name in lane_terms]
+        values['values'] = np.array([each[k] for each in lane_terms.values()])
     if topic == CONTROLLER_STATE:
         values = {field: value for field, value in values.items() if field not in PID.terms} | {
             'names': [*log.terms],

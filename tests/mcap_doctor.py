@@ -21,11 +21,11 @@ def check(file: Path) -> None:
         reader = SeekingReader(stream, validate_crcs=True)
         summary = reader.get_summary()
         messages = [message for _, _, message in reader.iter_messages(log_time_order=False)]
-        others = [*reader.iter_metadata(), *reader.iter_attachments()]
+        further_records = [*reader.iter_metadata(), *reader.iter_attachments()]
     assert messages == [record for record in records if isinstance(record, Message)]
     for kind in (Metadata, Attachment):
-        found = [other for other in others if isinstance(other, kind)]
-        assert found == [record for record in records if isinstance(record, kind)]
+        of_kind = [other for other in further_records if isinstance(other, kind)]
+        assert of_kind == [record for record in records if isinstance(record, kind)]
     assert summary
     assert summary.statistics
     statistics, counts = summary.statistics, Counter(each.channel_id for each in messages)

@@ -34,13 +34,13 @@ def rows(received: str | bytes) -> list[dict[str, float]]:
     ]
 
 
-def wait(connection: ClientConnection, what: str | Callable[[dict[str, Any]], bool]) -> Any:  # noqa: ANN401
+def wait(connection: ClientConnection, kind: str | Callable[[dict[str, Any]], bool]) -> Any:  # noqa: ANN401
     """Return the next message of a type, or message or row of a state for which `what` is true."""
     until = time.monotonic() + PATIENCE
     while time.monotonic() < until:
         message = connection.recv(timeout=PATIENCE)
-        found = [json.loads(message)] if isinstance(message, str) else [*rows(message)]
-        for each in found:
-            if each.get('type') == what if isinstance(what, str) else what(each):
-                return each
+        candidates = [json.loads(message)] if isinstance(message, str) else [*rows(message)]
+        for candidate in candidates:
+            if candidate.get('type') == kind if isinstance(kind, str) else kind(candidate):
+                return candidate
     raise AssertionError('it did not come')

@@ -54,12 +54,12 @@ def contrast(colour: str, ground: str) -> float:
 
 def lab(colour: str, reader: str) -> Floats:
     """Return the colour in CIELAB, as a reader sees it."""
-    seen = np.clip(READERS[reader] @ linear(colour), 0.0, 1.0)
-    share = (_XYZ @ seen) / _XYZ.sum(axis=1)
+    visible = np.clip(READERS[reader] @ linear(colour), 0.0, 1.0)
+    share = (_XYZ @ visible) / _XYZ.sum(axis=1)
     f = np.where(share > 216 / 24389, np.cbrt(share), (24389 / 27 * share + 16) / 116)
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
 
-def difference(one: str, other: str, reader: str) -> float:
+def difference(first: str, second: str, reader: str) -> float:
     """Return how far two colours are apart in CIELAB, as a reader sees them."""
-    return float(np.linalg.norm(lab(one, reader) - lab(other, reader)))
+    return float(np.linalg.norm(lab(first, reader) - lab(second, reader)))

@@ -39,12 +39,12 @@ def positions(sources: Mapping[str, str]) -> list[str]:
     """Return file, line and record of each reading by position in the sources of a package."""
     trees = {file: ast.parse(source) for file, source in sources.items()}
     package = _Package(trees.values())
-    found = []
+    places = []
     for file, tree in trees.items():
         readings = _Readings(package, tree)
         readings.visit(tree)
-        found += [f'{file}:{line}: {record}' for line, record in sorted(readings.found)]
-    return found
+        places += [f'{file}:{line}: {record}' for line, record in sorted(readings.found)]
+    return places
 
 
 class _Package:
@@ -97,7 +97,7 @@ class _Annotations:
     """The annotations of a file."""
 
     def __init__(self, records: set[str], tree: ast.Module) -> None:
-        own = {node.name for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
+        classes = {node.name for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
         #: The modules and names of the package that the file imports.
         self.imported = {
             alias.asname or alias.name
@@ -105,7 +105,7 @@ class _Annotations:
             if isinstance(node, ast.ImportFrom) and (node.module or '').startswith('barc_sim')
             for alias in node.names
         }
-        self.records = records & (own | self.imported)
+        self.records = records & (classes | self.imported)
 
     def kind(self, annotation: ast.expr | None) -> Kind | None:
         """Return the type that an annotation names."""
@@ -211,8 +211,8 @@ class _Readings(ast.NodeVisitor):
             self._scope[target.id] = kind
         elif isinstance(target, (ast.Tuple, ast.List)):
             self._note(target, kind)
-            for each in target.elts:
-                self._bind(each, None)
+            for element in target.elts:
+                self._bind(element, None)
 
     def _iterate(self, target: ast.expr, iterated: ast.expr) -> None:
         """Bind the target of a loop."""
@@ -220,8 +220,8 @@ class _Readings(ast.NodeVisitor):
         if len(kinds) == 1:
             self._bind(target, kinds[0])
         elif isinstance(target, ast.Tuple) and len(target.elts) == len(kinds):
-            for each, kind in zip(target.elts, kinds, strict=True):
-                self._bind(each, kind)
+            for element, kind in zip(target.elts, kinds, strict=True):
+                self._bind(element, kind)
 
     def _kinds_in_turn(self, iterated: ast.expr) -> list[Kind | None]:
         """Return the type of what a loop takes; several if it takes tuples of them."""

@@ -12,16 +12,7 @@ def relay(linear_x, angular_z):
     return [2.0 * linear_x, 0.3 * angular_z]
 """
 
-CLASS = """\
-class Relay:
-    def __init__(self):
-        self.servo = 0.0
-
-    def relay(self, linear_x, angular_z, dt):
-        wanted = 0.4 * angular_z
-        self.servo += max(-dt, min(dt, wanted - self.servo))
-        return [3.0 * linear_x, self.servo]
-"""
+CLASS = user_text('relay_class.py')
 
 #: The lab's, for ROS 1: tabs, a loop at its own rate, the topic of the stock keyboard.
 ROS_1 = user_text('relay_ros_1.py')

@@ -20,6 +20,6 @@ def test_the_examples_print_what_they_show(tmp_path: Path, monkeypatch: pytest.M
     make(tmp_path / 'bags' / '2026-11-21_12-00-00', barc_sim.simulate())
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv('MPLBACKEND', 'Agg')
-    found = doctest.testmod(barc_sim)
-    assert found.attempted
-    assert not found.failed
+    results = doctest.testmod(barc_sim)
+    assert results.attempted
+    assert not results.failed

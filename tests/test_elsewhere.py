@@ -26,7 +26,7 @@ def barc(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return call(*words, cwd=folder, env=os.environ | ELSEWHERE, timeout=200)
 
 
-def done(folder: Path, *words: str) -> str:
+def output_of(folder: Path, *words: str) -> str:
     """Return what a command prints, which must succeed."""
     process = barc(folder, *words)
     assert process.returncode == 0, process.stdout + process.stderr
@@ -71,32 +71,34 @@ def home(tmp_path: Path) -> Path:
 
 @pytest.mark.slow
 def test_three_tasks_from_the_templates_to_the_report(home: Path) -> None:
-    done(home, 'new', 'my lab')
+    output_of(home, 'new', 'my lab')
     write_lab(home / 'my lab')
-    assert '8 of 8 criteria are met in full' in done(home, 'check', 'my lab')
+    assert '8 of 8 criteria are met in full' in output_of(home, 'check', 'my lab')
 
     (home / 'my lab' / 'relay.py').write_text(RELAY, encoding='utf-8')
-    assert '13 of 13 criteria are met in full' in done(home, 'check', 'my lab')
+    assert '13 of 13 criteria are met in full' in output_of(home, 'check', 'my lab')
 
     drive_by_hand(home, '--lab', 'my lab')
-    submitted = done(home, 'submit', 'my lab')
+    submitted = output_of(home, 'submit', 'my lab')
     assert 'course        180.' in submitted
     assert '(barc teleop --lab my lab)' in submitted.replace("'", '')
     assert 'my lab.zip' in submitted
-    assert done(home, 'acc', '--lab', 'my lab', '--realtime-factor', 'max').startswith('engine')
+    assert output_of(home, 'acc', '--lab', 'my lab', '--realtime-factor', 'max').startswith(
+        'engine'
+    )
 
     bag = newest(home / 'bags')
-    assert done(home, 'plot', '--save', 'speed.png') == 'speed.png\n'
-    assert 'report.html' in done(home, 'report')
+    assert output_of(home, 'plot', '--save', 'speed.png') == 'speed.png\n'
+    assert 'report.html' in output_of(home, 'report')
 
-    done(home, 'graph', '--bag', str(bag), '--save', 'graph.png')
-    done(home, 'replay', '--save', 'drive.gif')
+    output_of(home, 'graph', '--bag', str(bag), '--save', 'graph.png')
+    output_of(home, 'replay', '--save', 'drive.gif')
     gains = ('--kp-range', '10', '10', '--ki-range', '20', '20', '--kd-range', '0', '0')
-    done(home, 'tune', '--controller', 'my lab/controller.py', '--distance', '20', *gains)
+    output_of(home, 'tune', '--controller', 'my lab/controller.py', '--distance', '20', *gains)
     (file,) = bag.glob('*.mcap')
     file.write_bytes(file.read_bytes()[:-1000])  # as if killed
     (bag / 'metadata.yaml').unlink()
-    assert 'is unfinished' in done(home, 'recover', str(bag))
+    assert 'is unfinished' in output_of(home, 'recover', str(bag))
 
 
 def test_grade_refuses_to_run_code_that_it_cannot_confine(home: Path) -> None:
@@ -113,7 +115,7 @@ def test_grade_warns_that_code_was_not_confined(home: Path) -> None:
     write_lab(home / 'ada')
     (home / 'grace').mkdir()
     (home / 'grace' / 'controller.py').write_text('import os\nos._exit(3)\n', encoding='utf-8')
-    done(home, 'grade', '.', '--unconfined', '--out', 'grades')
+    output_of(home, 'grade', '.', '--unconfined', '--out', 'grades')
     text = (home / 'grades' / 'class.csv').read_text(encoding='utf-8')
     grades = {row['name']: row for row in csv.DictReader(text.splitlines())}
     assert (grades['ada']['score'], grades['grace']['score']) == ('100.0', '0.0')

@@ -73,12 +73,12 @@ def imported(source: str, package: str = 'barc_sim') -> set[str]:
 
 def rooms_of(names: set[str]) -> set[str]:
     """Return the rooms of modules; what needs no ROS may be used by `lab`, too."""
-    found = {
+    rooms_in_names = {
         name.split('.')[1]
         for name in names
         if name.startswith('barc_sim.') and not name.startswith('barc_sim.ros.local')
     }
-    return found & {*ROOMS, 'run', '__main__'}
+    return rooms_in_names & {*ROOMS, 'run', '__main__'}
 
 
 @pytest.mark.parametrize('room', ROOMS)
@@ -152,14 +152,14 @@ def import_without_ros(*names: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_rooms_up_to_lab_can_be_imported_without_ros() -> None:
-    done = import_without_ros(*map(module_name, modules(*WITHOUT_ROS, 'ros/local')))
-    assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
+    process = import_without_ros(*map(module_name, modules(*WITHOUT_ROS, 'ros/local')))
+    assert (process.returncode, process.stdout, process.stderr) == (0, '', '')
 
 
 def test_rooms_without_ros_need_nothing_that_only_linux_has() -> None:
     rooms = (*WITHOUT_ROS, 'commands', 'ros/local', 'runs/terminal')
     code = 'import importlib, sys\nfor name in sys.argv[1:]: importlib.import_module(name)'
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, '-c', code, *map(module_name, modules(*rooms))],
         env=os.environ | ELSEWHERE,
         capture_output=True,
@@ -168,9 +168,9 @@ def test_rooms_without_ros_need_nothing_that_only_linux_has() -> None:
         timeout=200,
     )
 
-    assert (done.returncode, done.stdout) == (0, ''), done.stderr
+    assert (process.returncode, process.stdout) == (0, ''), process.stderr
 
 
 def test_an_import_of_ros_is_refused() -> None:
-    done = import_without_ros('barc_sim.vehicle.road', 'barc_sim.ros.topics')
-    assert 'is of ROS' in done.stderr
+    process = import_without_ros('barc_sim.vehicle.road', 'barc_sim.ros.topics')
+    assert 'is of ROS' in process.stderr

@@ -40,17 +40,17 @@ def test_no_class_has_a_name_of_rclpy() -> None:
     spec = find_spec('rclpy')
     if spec is None or spec.origin is None:
         pytest.skip('compares with the classes of rclpy')
-    theirs = {
+    names_of_rclpy = {
         name
         for path in Path(spec.origin).parent.rglob('*.py')
         for name in classes(path.read_text('utf-8'))
     }
-    assert {'Node', 'Parameter', 'Publisher'} <= theirs
+    assert {'Node', 'Parameter', 'Publisher'} <= names_of_rclpy
 
     wrong = {
         file: names
         for file, source in SOURCES.items()
-        if not file.startswith(STAND_IN) and (names := {*classes(source)} & theirs)
+        if not file.startswith(STAND_IN) and (names := {*classes(source)} & names_of_rclpy)
     }
     assert wrong == {}
 

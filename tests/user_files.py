@@ -64,8 +64,8 @@ class LocalCode(JudgedCode):
 
     def call(self, do: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
         """Return the result of a request."""
-        found = getattr(self._code, do)
-        return found(*arguments) if callable(found) else found
+        attribute = getattr(self._code, do)
+        return attribute(*arguments) if callable(attribute) else attribute
 
 
 @cache
@@ -80,10 +80,10 @@ def judged_file(
         path = Path(folder, name)
         path.write_text(text, encoding='utf-8')
         code = LocalCode(UserCode({part: path}, is_judged=True))
-        own = HILLS.parts[part].labels
-        found = [each for each in HILLS.judge(code, settings) if each.criterion in own]
-        assert folder not in ''.join(each.message for each in found)
-        return found, code.tolerated()
+        criteria = HILLS.parts[part].labels
+        of_file = [each for each in HILLS.judge(code, settings) if each.criterion in criteria]
+        assert folder not in ''.join(each.message for each in of_file)
+        return of_file, code.tolerated()
 
 
 def load_folder(folder: Path, parts: Collection[str] = tuple(FILES), **options: Any) -> UserCode:  # noqa: ANN401

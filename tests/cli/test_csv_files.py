@@ -36,7 +36,7 @@ def test_blank_lines_are_left_out_and_lines_in_quotes_kept() -> None:
 
 
 @pytest.mark.parametrize(
-    ('data', 'why'),
+    ('data', 'reason'),
     [
         (b'a,b\n1,"2\n3,4\n', 'line 3: unexpected end of data'),
         (b'a,b\n1,"2" 3\n', 'line 2'),
@@ -47,8 +47,8 @@ def test_blank_lines_are_left_out_and_lines_in_quotes_kept() -> None:
         (b'\xff\xfea', 'it is no text'),
     ],
 )
-def test_a_file_without_a_table_is_refused(tmp_path: Path, data: bytes, why: str) -> None:
+def test_a_file_without_a_table_is_refused(tmp_path: Path, data: bytes, reason: str) -> None:
     file = tmp_path / 'class.csv'
     file.write_bytes(data)
-    with pytest.raises(ValueError, match=why):
+    with pytest.raises(ValueError, match=reason):
         read_rows(file)

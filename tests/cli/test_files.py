@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 
 def _socket(path: Path) -> None:
-    with socket.socket(socket.AF_UNIX) as made:
-        made.bind(str(path))
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(path))
 
 
 SPECIAL: dict[str, Callable[[Path], object]] = {

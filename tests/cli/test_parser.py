@@ -92,7 +92,7 @@ def test_reader_that_went_away_leaves_no_trace_at_exit(main: str) -> None:
         f"sys.exit(call('drive', {main}))"
     )
     with os.fdopen(writing, 'w') as stdout:
-        done = subprocess.run(
+        process = subprocess.run(
             [sys.executable, '-c', script],
             cwd=ROOT,
             stdout=stdout,
@@ -101,7 +101,7 @@ def test_reader_that_went_away_leaves_no_trace_at_exit(main: str) -> None:
             timeout=200,
         )
 
-    assert (done.returncode, done.stderr) == (0, b'')
+    assert (process.returncode, process.stderr) == (0, b'')
 
 
 # Types of options
@@ -114,8 +114,8 @@ def test_number_within_its_bounds_is_taken(text: str) -> None:
 
 @pytest.mark.parametrize('text', ['-1.001', '3.1', 'nan', 'inf', 'three', ''])
 def test_other_number_is_refused(text: str) -> None:
-    shown = text if text[-1:].isalnum() and text != 'three' else repr(text)
-    with pytest.raises(ArgumentTypeError, match=f'^{shown} is not a number from -1 to 3'):
+    quoted = text if text[-1:].isalnum() and text != 'three' else repr(text)
+    with pytest.raises(ArgumentTypeError, match=f'^{quoted} is not a number from -1 to 3'):
         number(-1.0, 3.0)(text)
 
 

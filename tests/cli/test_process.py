@@ -22,9 +22,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     Start = Callable[..., subprocess.Popen[str]]
-    Ready = Callable[[str], subprocess.Popen[str]]
+    StartProgram = Callable[..., subprocess.Popen[str]]
 
 
+PROGRAMS = Path(__file__).with_name('programs')
 LOCAL = ('acc', '--engine', 'local', '-q', '--distance', '5', '--realtime-factor', 'max')
 
 
@@ -44,18 +45,18 @@ def limited(
     )
 
 
-def sentence(done: subprocess.CompletedProcess[bytes]) -> str:
+def sentence(process: subprocess.CompletedProcess[bytes]) -> str:
     """Return the one line of an error that is the user's matter."""
-    (line,) = done.stderr.decode().splitlines()
-    assert done.returncode == 2
+    (line,) = process.stderr.decode().splitlines()
+    assert process.returncode == 2
     assert ': error: ' in line
     return line
 
 
 @pytest.mark.skipif(not has_ros(), reason='needs ROS')
 def test_too_little_memory_for_ros_is_named(tmp_path: Path) -> None:
-    done = limited('acc', '-q', '--no-bag', before='ulimit -v 600000', cwd=tmp_path)
-    assert 'allows 585 MiB of memory, and ROS needs' in sentence(done)
+    process = limited('acc', '-q', '--no-bag', before='ulimit -v 600000', cwd=tmp_path)
+    assert 'allows 585 MiB of memory, and ROS needs' in sentence(process)
 
 
 #: Runs a command where rclpy is installed, and the lab's messages are not.
@@ -72,7 +73,7 @@ sys.exit(main(sys.argv[1:]))
 def test_messages_that_are_not_built_are_named_with_the_line_that_builds_them(
     command: str, tmp_path: Path
 ) -> None:
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, '-c', WITHOUT_MESSAGES, *command.split()],
         cwd=tmp_path,
         stdin=subprocess.DEVNULL,
@@ -81,13 +82,13 @@ def test_messages_that_are_not_built_are_named_with_the_line_that_builds_them(
         timeout=120,
     )
 
-    assert 'colcon build --base-paths src src/barc_sim/barc_interfaces' in sentence(done)
+    assert 'colcon build --base-paths src src/barc_sim/barc_interfaces' in sentence(process)
     assert not [*tmp_path.iterdir()]
 
 
 def test_a_run_needs_no_standard_streams(tmp_path: Path) -> None:
-    done = limited(*LOCAL, before='exec <&- >&- 2>&-', cwd=tmp_path)
-    assert done.returncode == 0
+    process = limited(*LOCAL, before='exec <&- >&- 2>&-', cwd=tmp_path)
+    assert process.returncode == 0
     assert [*(tmp_path / 'bags').iterdir()]
 
 
@@ -113,8 +114,8 @@ ALIASES = 'a0: &a0 {x: 1}\n' + ''.join(
 )
 def test_a_file_without_parameters_is_refused(text: str, reason: str, tmp_path: Path) -> None:
     (tmp_path / 'values.yaml').write_text(text)
-    done = limited(*LOCAL, '--ros-args', '--params-file', 'values.yaml', cwd=tmp_path)
-    assert reason in sentence(done)
+    process = limited(*LOCAL, '--ros-args', '--params-file', 'values.yaml', cwd=tmp_path)
+    assert reason in sentence(process)
 
 
 def test_parameters_come_through_a_pipe_and_one_that_no_node_has_is_named(tmp_path: Path) -> None:
@@ -124,14 +125,14 @@ def test_parameters_come_through_a_pipe_and_one_that_no_node_has_is_named(tmp_pa
     file, wrong = f'/dev/fd/{reading}', ('controller:kd:=0.2', 'controler:kp:=1.0', 'mas:=1.0')
     words = ('--ros-args', '--params-file', file, *(w for each in wrong for w in ('-p', each)))
     command = [sys.executable, '-m', 'barc_sim', *LOCAL, *words]
-    done = subprocess.run(
+    process = subprocess.run(
         command, cwd=tmp_path, pass_fds=[reading], capture_output=True, text=True, check=True
     )
     os.close(reading)
-    named = [line.split()[1:3] for line in done.stderr.splitlines()]
-    assert named == [['-p', 'controler:kp'], ['-p', 'mas']]
+    unused = [line.split()[1:3] for line in process.stderr.splitlines()]
+    assert unused == [['-p', 'controler:kp'], ['-p', 'mas']]
 
-    bag = info(Path(tmp_path, done.stdout.strip()))
+    bag = info(Path(tmp_path, process.stdout.strip()))
     assert (bag['kp'], bag['kd']) == ('3.0', '0.2')
 
 
@@ -175,26 +176,19 @@ def test_a_pipe_or_device_in_place_of_a_file_ends_in_one_sentence(
     assert name in sentence(limited(*LOCAL, *option.split(), name, cwd=tmp_path))
 
 
-PRELUDE = """
-import os, signal, sys, threading, time
-from barc_sim.cli import process as signals
-from barc_sim.cli.process import StopSignals
-def ready():
-    print('ready', flush=True)
-"""
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 
 
 @pytest.fixture
-def ready(start: Start) -> Ready:
-    """Return a function that starts a script, and waits until it prints `ready`."""
+def start_program(start: Start) -> StartProgram:
+    """Return a function that starts a program, and waits until it prints `ready`."""
 
-    def ready(script: str) -> subprocess.Popen[str]:
-        process = start('-uc', PRELUDE + script, stdin=subprocess.PIPE)
+    def start_program(name: str, *words: str) -> subprocess.Popen[str]:
+        process = start('-u', PROGRAMS / name, *words, stdin=subprocess.PIPE)
         assert line(process) == 'ready\n'
         return process
 
-    return ready
+    return start_program
 
 
 def line(process: subprocess.Popen[str]) -> str:
@@ -210,18 +204,9 @@ def end(process: subprocess.Popen[str]) -> tuple[int, str, str]:
 
 @pytest.mark.parametrize('number', SIGNALS)
 def test_signal_asks_to_stop_while_the_main_thread_is_busy_elsewhere(
-    ready: Ready, number: signal.Signals
+    start_program: StartProgram, number: signal.Signals
 ) -> None:
-    # A join holds the main thread back from running a handler of its own.
-    process = ready("""
-with StopSignals() as stop:
-    asked = threading.Lock()
-    asked.acquire()
-    stop.then(asked.release)
-    ready()
-    asked.acquire()
-    print(stop.requested.is_set())
-""")
+    process = start_program('wait_in_main_thread.py')
     process.send_signal(number)
 
     assert end(process) == (0, 'True\n', '')
@@ -229,31 +214,18 @@ with StopSignals() as stop:
 
 @pytest.mark.parametrize('number', SIGNALS)
 def test_signal_that_was_blocked_from_the_start_is_handled(
-    ready: Ready, number: signal.Signals
+    start_program: StartProgram, number: signal.Signals
 ) -> None:
-    process = ready(f"""
-held = {list(map(int, SIGNALS))}
-signal.pthread_sigmask(signal.SIG_BLOCK, held)
-os.kill(os.getpid(), {int(number)})
-with StopSignals() as stop:
-    stop.requested.wait()
-    ready()
-    sys.stdin.read()
-    print('asked')
-""")
-
+    words = [str(int(each)) for each in (number, *SIGNALS)]
+    process = start_program('start_with_blocked_signals.py', *words)
     assert end(process) == (0, 'asked\n', '')
 
 
 @pytest.mark.parametrize('number', SIGNALS)
-def test_second_signal_ends_a_process_that_hangs(ready: Ready, number: signal.Signals) -> None:
-    process = ready("""
-signals._ECHO = 0.0
-with StopSignals() as stop:
-    stop.then(lambda: os.write(1, b'asked\\n'))
-    ready()
-    threading.Event().wait()
-""")
+def test_second_signal_ends_a_process_that_hangs(
+    start_program: StartProgram, number: signal.Signals
+) -> None:
+    process = start_program('hang.py')
     process.send_signal(number)
     assert line(process) == 'asked\n'
 
@@ -261,16 +233,8 @@ with StopSignals() as stop:
     assert end(process) == (128 + number, '', '')
 
 
-def test_echo_of_a_signal_does_not_cut_the_end_short(ready: Ready) -> None:
-    process = ready("""
-signals._ECHO = 3600.0
-with StopSignals() as stop:
-    stop.then(lambda: os.write(1, b'asked\\n'))
-    ready()
-    stop.requested.wait()
-    sys.stdin.read()
-    print('closed')
-""")
+def test_echo_of_a_signal_does_not_cut_the_end_short(start_program: StartProgram) -> None:
+    process = start_program('end_slowly.py')
     process.send_signal(signal.SIGTERM)
     assert line(process) == 'asked\n'
 
@@ -279,15 +243,8 @@ with StopSignals() as stop:
     assert end(process) == (0, 'closed\n', '')
 
 
-def test_hang_up_that_nohup_ignores_stays_ignored(ready: Ready) -> None:
-    process = ready("""
-signal.signal(signal.SIGHUP, signal.SIG_IGN)
-with StopSignals() as stop:
-    ready()
-    written = threading.Event()
-    stop.then(lambda: (os.write(1, b'asked\\n'), written.set()))
-    written.wait()
-""")
+def test_hang_up_that_nohup_ignores_stays_ignored(start_program: StartProgram) -> None:
+    process = start_program('ignore_hang_up.py')
     process.send_signal(signal.SIGHUP)
     process.send_signal(signal.SIGTERM)
 

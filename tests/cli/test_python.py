@@ -28,25 +28,25 @@ def trap(tmp_path: Path) -> Path:
 
 
 def test_a_helper_runs_no_file_of_a_strangers_folder(trap: Path) -> None:
-    done = subprocess.run(
+    process = subprocess.run(
         python_command('barc_sim', '--version'),
         cwd=trap,
         capture_output=True,
         text=True,
         check=False,
     )
-    assert done.stdout == f'barc {barc_sim.__version__}\n', done.stderr
+    assert process.stdout == f'barc {barc_sim.__version__}\n', process.stderr
 
 
 def test_the_script_run_imports_no_file_of_a_strangers_folder(trap: Path) -> None:
     script = Path(__file__).parents[2] / 'scripts' / 'run'
-    found = re.search('^start="(.*?)"$', script.read_text(), re.DOTALL | re.MULTILINE)
-    assert found
+    match = re.search('^start="(.*?)"$', script.read_text(), re.DOTALL | re.MULTILINE)
+    assert match
     assert '"$python" $safe_path -c "$start"' in script.read_text()
     safe_path = ['-P'] if sys.version_info >= (3, 11) else []
-    command = [sys.executable, *safe_path, '-c', found[1], '--version']
-    done = subprocess.run(command, cwd=trap, capture_output=True, text=True, check=False)
-    assert done.stdout == f'barc {barc_sim.__version__}\n', done.stderr
+    command = [sys.executable, *safe_path, '-c', match[1], '--version']
+    process = subprocess.run(command, cwd=trap, capture_output=True, text=True, check=False)
+    assert process.stdout == f'barc {barc_sim.__version__}\n', process.stderr
 
 
 def test_a_helper_gets_its_words_unchanged(tmp_path: Path) -> None:
@@ -54,8 +54,8 @@ def test_a_helper_gets_its_words_unchanged(tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(tmp_path)
         command = python_command('shown', 'a b', '', '--x=:')
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout == "__main__ ['a b', '', '--x=:']\n"
+    process = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert process.stdout == "__main__ ['a b', '', '--x=:']\n"
 
 
 def test_the_path_loses_the_working_directory_but_not_that_of_barc_sim(
@@ -64,9 +64,11 @@ def test_the_path_loses_the_working_directory_but_not_that_of_barc_sim(
     link = tmp_path / 'link'
     link.symlink_to(tmp_path)
     monkeypatch.setattr(sys, 'path', ['', str(tmp_path), str(link), PACKAGES])
+
     with working_in(tmp_path):
         ignore_working_directory()
         assert sys.path == [PACKAGES]
+
     for folder in (PACKAGES, sysconfig.get_path('purelib')):
         sys.path[:] = [PACKAGES, sysconfig.get_path('purelib')]
         with working_in(Path(folder)):
@@ -78,10 +80,11 @@ def test_a_deleted_working_directory_does_not_stop_a_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, 'path', ['', PACKAGES])
-    gone = tmp_path / 'gone'
-    gone.mkdir()
-    with working_in(gone):
-        gone.rmdir()
+    deleted = tmp_path / 'gone'
+    deleted.mkdir()
+
+    with working_in(deleted):
+        deleted.rmdir()
         ignore_working_directory()
         with working_in(tmp_path):
             assert Path.cwd() == tmp_path
@@ -94,10 +97,10 @@ def test_no_other_module_starts_python_by_the_name_of_a_module() -> None:
 
 
 def test_python_m_starts_in_a_deleted_directory(tmp_path: Path) -> None:
-    gone = tmp_path / 'gone'
-    gone.mkdir()
-    with working_in(gone):
-        gone.rmdir()
+    deleted = tmp_path / 'gone'
+    deleted.mkdir()
+    with working_in(deleted):
+        deleted.rmdir()
         command = [sys.executable, '-m', 'barc_sim', '--version']
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert (done.stdout, done.stderr) == (f'barc {barc_sim.__version__}\n', '')
+        process = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (process.stdout, process.stderr) == (f'barc {barc_sim.__version__}\n', '')

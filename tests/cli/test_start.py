@@ -68,8 +68,9 @@ def test_another_ros_on_pythonpath_is_named(tmp_path: Path) -> None:
     package.mkdir(parents=True)
     (package / '__init__.py').write_text('raise ImportError("the C extension is not present")\n')
     path = os.pathsep.join([str(humble), ENVIRONMENT['PYTHONPATH']])
+
     for words in (('topics',), ('acc', '-q')):
-        done = call(*words, env=os.environ | {'PYTHONPATH': path}, cwd=tmp_path)
-        (line,) = done.stderr.splitlines()
-        assert done.returncode == 2
+        process = call(*words, env=os.environ | {'PYTHONPATH': path}, cwd=tmp_path)
+        (line,) = process.stderr.splitlines()
+        assert process.returncode == 2
         assert f'PYTHONPATH puts the rclpy in {str(humble)!r} before that in ' in line

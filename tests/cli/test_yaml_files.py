@@ -37,7 +37,7 @@ def test_ordinary_yaml_is_loaded(text: str, value: Any) -> None:  # noqa: ANN401
 
 
 @pytest.mark.parametrize(
-    ('text', 'why'),
+    ('text', 'reason'),
     [
         (BOMB, 'aliases count in full'),
         (MERGED, 'aliases count in full'),
@@ -57,8 +57,8 @@ def test_ordinary_yaml_is_loaded(text: str, value: Any) -> None:  # noqa: ANN401
         ('a: [', 'is not YAML'),
     ],
 )
-def test_yaml_beyond_the_limits_is_refused(text: str, why: str) -> None:
-    with pytest.raises(ValueError, match=why):
+def test_yaml_beyond_the_limits_is_refused(text: str, reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
         from_yaml(text)
 
 
@@ -86,9 +86,9 @@ def test_a_file_that_is_too_large_is_named(tmp_path: Path) -> None:
 
 def test_no_other_module_loads_yaml() -> None:
     package = Path(barc_sim.__file__).parent
-    found = {
+    modules = {
         path.name
         for path in package.rglob('*.py')
         if re.search(r'yaml\.\w*load', path.read_text(encoding='utf-8'))
     }
-    assert found == {'yaml_files.py'}
+    assert modules == {'yaml_files.py'}

@@ -29,9 +29,9 @@ installed = pytest.mark.skipif(
 
 @pytest.mark.parametrize('argv', [[], ['--help']])
 def test_every_command_is_listed_in_its_group(argv: list[str]) -> None:
-    done = barc(*argv)
-    assert done.returncode == 0
-    lines = done.stdout.splitlines()
+    process = barc(*argv)
+    assert process.returncode == 0
+    lines = process.stdout.splitlines()
     for group, commands in GROUPS.items():
         first = lines.index(f'{group}:') + 1
         listed = [line.split()[0] for line in lines[first : first + len(commands)]]
@@ -43,17 +43,17 @@ def test_help_of_a_run_fits_on_one_screen_and_all_is_in_help_all(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv('COLUMNS', '80')
-    shown = barc(name, '--help').stdout
-    assert len(shown.splitlines()) <= 24
-    assert '--mirrors' not in shown
+    text = barc(name, '--help').stdout
+    assert len(text.splitlines()) <= 24
+    assert '--mirrors' not in text
     everything = barc(name, '--help-all').stdout
     assert {'--mirrors', '--min-free-space', '--ros-args'} <= {*everything.split()}
 
 
 def test_every_command_has_a_module_and_every_module_a_command() -> None:
     modules = {path.stem for path in (PACKAGE / 'commands').glob('*.py')} - {'__init__'}
-    used = {Path(functions(name)[1].__code__.co_filename).stem for name in COMMANDS}
-    assert modules == used
+    modules_of_commands = {Path(functions(name)[1].__code__.co_filename).stem for name in COMMANDS}
+    assert modules == modules_of_commands
 
 
 @pytest.mark.parametrize(
@@ -69,10 +69,10 @@ def test_every_command_has_a_module_and_every_module_a_command() -> None:
     ],
 )
 def test_a_mistake_is_one_sentence_and_exit_code_2(argv: list[str], sentence: str) -> None:
-    done = barc(*argv)
-    assert (done.returncode, done.stdout) == (2, '')
-    assert done.stderr.startswith(sentence)
-    assert done.stderr.count('\n') == 1
+    process = barc(*argv)
+    assert (process.returncode, process.stdout) == (2, '')
+    assert process.stderr.startswith(sentence)
+    assert process.stderr.count('\n') == 1
 
 
 def test_version_is_the_packages() -> None:
@@ -89,7 +89,7 @@ def test_help_of_every_command_waits_for_no_library() -> None:
         'slow = {"numpy", "rclpy", "matplotlib", "rich", "argcomplete"} & {*sys.modules}\n'
         'assert not slow, slow\n'
     )
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, '-c', program],
         cwd=PACKAGE.parent,
         capture_output=True,
@@ -98,9 +98,9 @@ def test_help_of_every_command_waits_for_no_library() -> None:
         timeout=200,
     )
 
-    assert (done.returncode, done.stderr) == (0, '')
+    assert (process.returncode, process.stderr) == (0, '')
     for name in COMMANDS:
-        assert f'usage: barc {name} ' in done.stdout
+        assert f'usage: barc {name} ' in process.stdout
 
 
 # Completion
@@ -113,14 +113,14 @@ def test_help_of_every_command_waits_for_no_library() -> None:
 def test_commands_and_options_are_completed(line: str, completed: str, tmp_path: Path) -> None:
     assert 'complete ' in barc('--completion', 'bash').stdout
 
-    asked = {
+    variables = {
         '_ARGCOMPLETE': '1',
         '_ARGCOMPLETE_STDOUT_FILENAME': str(tmp_path / 'found'),
         'COMP_LINE': line,
         'COMP_POINT': str(len(line)),
     }
     command = [sys.executable, '-m', 'barc_sim']
-    subprocess.run(command, cwd=PACKAGE.parent, env=os.environ | asked, check=True, timeout=200)
+    subprocess.run(command, cwd=PACKAGE.parent, env=os.environ | variables, check=True, timeout=200)
     assert (tmp_path / 'found').read_text().split() == [completed]
 
 
@@ -128,12 +128,12 @@ def test_commands_and_options_are_completed(line: str, completed: str, tmp_path:
 
 
 def test_barc_is_the_only_program_so_that_none_of_the_system_is_hidden() -> None:
-    ours = {
+    programs = {
         script.name
         for script in entry_points(group='console_scripts')
         if script.value.startswith('barc_sim')
     }
-    assert ours in ({'barc'}, set())  # none where colcon has built the package
+    assert programs in ({'barc'}, set())  # none where colcon has built the package
 
 
 @installed
@@ -152,7 +152,7 @@ def test_ros2_run_finds_every_command_and_node() -> None:
 )
 def test_an_executable_of_ros2_run_runs_the_command(words: list[str], code: int, out: str) -> None:
     name, *options = words
-    done = subprocess.run(
+    process = subprocess.run(
         [str(EXECUTABLES / name), *options],
         capture_output=True,
         text=True,
@@ -160,5 +160,5 @@ def test_an_executable_of_ros2_run_runs_the_command(words: list[str], code: int,
         timeout=200,
     )
 
-    assert done.returncode == code, done.stderr
-    assert done.stdout.startswith(out)
+    assert process.returncode == code, process.stderr
+    assert process.stdout.startswith(out)

@@ -158,23 +158,23 @@ def grading(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
 
 def children(folder: Path) -> list[int]:
     """Return the processes that run the second submission, which is in `folder`."""
-    found = []
+    pids = []
     for entry in Path('/proc').iterdir():
         with suppress(OSError):
             cwd = entry.joinpath('cwd').readlink() if entry.name.isdecimal() else None
             if cwd is not None and cwd.is_relative_to(folder) and (cwd / 'bike_model.py').exists():
-                found.append(int(entry.name))
-    return found
+                pids.append(int(entry.name))
+    return pids
 
 
 def workers(parent: int) -> list[int]:
     """Return the processes of the session of `parent`."""
-    found = []
+    numbers = []
     for entry in Path('/proc').iterdir():
         with suppress(OSError, ValueError):
             if os.getsid(int(entry.name)) == parent and int(entry.name) != parent:
-                found.append(int(entry.name))
-    return found
+                numbers.append(int(entry.name))
+    return numbers
 
 
 def wait_until_gone(process: int, folder: Path) -> None:
@@ -286,8 +286,10 @@ def test_each_submission_has_a_folder_of_its_own_and_messages_name_it(
         assert barc(['grade', str(tmp_path / 'in'), '--out', str(out)]) == 1
         reports = [path for path in out.iterdir() if (path / 'report.html').exists()]
         assert len(reports) == len(_NAMES) - 3
+
         rows = [*csv.DictReader(io.StringIO((out / 'class.csv').read_text()))]
         assert len({row['name'] for row in rows}) == len(rows) == len(_NAMES)
+
         assert capsys.readouterr().err.splitlines() == [
             f'barc grade: class.csv{end} could not be graded: it is late'
             for end in ('', '.submission', '.submission.submission')
@@ -303,12 +305,12 @@ def test_a_name_that_looks_like_a_shortened_one_is_shortened_itself(tmp_path: Pa
 
 def test_entries_made_during_grading_are_kept(tmp_path: Path) -> None:
     entered = tmp_path / 'ada' / BY_HAND
-    done = Grade('ada', Rubric({}), (), files={'report.html': b'1'})
+    result = Grade('ada', Rubric({}), (), files={'report.html': b'1'})
 
     def outcomes() -> Iterator[tuple[Path, Grade | str]]:
         entered.parent.mkdir()
         entered.write_text('comment: well driven')
-        yield Path('ada'), done
+        yield Path('ada'), result
 
     grade._collect(outcomes(), tmp_path, {Path('ada'): entered.parent}, b'points:')  # noqa: SLF001 (meanwhile)
     assert entered.read_text() == 'comment: well driven'
@@ -347,8 +349,8 @@ def test_honest_submissions_get_the_same_points_in_a_class_as_alone(tmp_path: Pa
         (folder / name).mkdir(parents=True)
         for stem, text in files.items():
             (folder / name / f'{stem}.py').write_text(text)
-    for name, (made, _) in BOMBS.items():
-        (folder / f'{name}.zip').write_bytes(made())
+    for name, (make_bomb, _) in BOMBS.items():
+        (folder / f'{name}.zip').write_bytes(make_bomb())
     os.mkfifo(folder / 'pipe.zip')
     (folder / 'links').symlink_to('/')
     (folder / 'device.zip').symlink_to('/dev/zero')

@@ -55,9 +55,9 @@ def test_no_command_on_a_bag_prints_what_controls_a_terminal(
     if '--save' in options:
         options.append(f'figure{HOSTILE}.png')
     for path in (bag, topics):
-        done = barc(name, str(path), *options)
-        assert done.stdout + done.stderr
-        assert is_harmless(done.stdout + done.stderr)
+        process = barc(name, str(path), *options)
+        assert process.stdout + process.stderr
+        assert is_harmless(process.stdout + process.stderr)
 
 
 def test_errors_warnings_and_lines_are_printed_as_escapes(

@@ -73,7 +73,7 @@ def test_fields_that_cannot_be_used_are_refused_in_one_sentence(
 
 
 def numbers_bag(
-    folder: Path, log: Log, stamp: Callable[[float], float] = float, kept: slice = slice(None)
+    folder: Path, log: Log, stamp: Callable[[float], float] = float, rows: slice = slice(None)
 ) -> Path:
     """Write the bag of another robot: topics with numbers, a command 2 ms after each speed."""
     path = folder / 'x_0.mcap'
@@ -84,7 +84,7 @@ def numbers_bag(
         speed, accel = (
             writer.register_channel(topic, 'cdr', schema) for topic in ('/speed', '/accel')
         )
-        for t, v_x, motor in list(zip(log.t, log.v_x, log.motor, strict=True))[kept]:
+        for t, v_x, motor in list(zip(log.t, log.v_x, log.motor, strict=True))[rows]:
             for channel, late, value in ((speed, 0.0, v_x), (accel, 0.002, motor)):
                 if np.isfinite(value):
                     received = int((1000.0 + stamp(t) + late) * 1e9)
@@ -103,7 +103,7 @@ def test_commands_before_a_bag_begins_are_unknown(tmp_path: Path) -> None:
     log = simulate(
         controller=PRBS(), road='flat', distance=80.0, noise=0.02, delay=0.13, vehicle=car
     )
-    bag = numbers_bag(tmp_path, log, kept=slice(3, None))
+    bag = numbers_bag(tmp_path, log, rows=slice(3, None))
     lines = dict(
         line.split(maxsplit=1) for line in printed('identify', str(bag), *FIELDS).splitlines()
     )

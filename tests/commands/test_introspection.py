@@ -57,10 +57,10 @@ def talker(ros: Context) -> Iterator[Node]:
 
 @pytest.mark.usefixtures('talker')
 def test_messages_are_documents_of_yaml() -> None:
-    done = barc('echo', 'car/ecu', '-n', '3')
-    assert (done.returncode, done.stderr) == (0, '')
+    process = barc('echo', 'car/ecu', '-n', '3')
+    assert (process.returncode, process.stderr) == (0, '')
 
-    *documents, rest = yaml.safe_load_all(done.stdout)
+    *documents, rest = yaml.safe_load_all(process.stdout)
     assert rest is None
     assert len(documents) == 3
 
@@ -161,7 +161,7 @@ def value(node: Node, name: str) -> object:
 
 @pytest.mark.usefixtures('car')
 def test_names_are_listed_of_one_node_and_of_all() -> None:
-    names = [f'  {name}' for name in sorted([*(one.name for one in TABLE), *BUILT_IN])]
+    names = [f'  {name}' for name in sorted([*(each.name for each in TABLE), *BUILT_IN])]
     assert barc('param', 'list', 'one/car').stdout.splitlines() == names
     assert barc('param', 'list').stdout.splitlines() == ['/one/car:', *names]
 
@@ -178,8 +178,8 @@ def test_a_parameter_can_be_set(car: Node) -> None:
         ('seed', '7', 7),
         ('wait', 'false', False),
     ):
-        done = barc('param', 'set', '/one/car', name, text)
-        assert (done.returncode, done.stdout, done.stderr) == (0, f'{expected}\n', '')
+        process = barc('param', 'set', '/one/car', name, text)
+        assert (process.returncode, process.stdout, process.stderr) == (0, f'{expected}\n', '')
         assert value(car, name) == expected
 
 
@@ -226,15 +226,15 @@ def endpoints(ros: Context) -> Iterator[None]:
 
 @pytest.mark.usefixtures('endpoints')
 def test_topics_have_types_and_counts_nodes_and_their_quality_of_service() -> None:
-    done = barc('topics', '-v')
-    assert (done.returncode, done.stderr) == (0, '')
-    assert '/rosout [rcl_interfaces/msg/Log] 2 publishers, 0 subscribers' in done.stdout
-    assert '_hidden' not in done.stdout
+    process = barc('topics', '-v')
+    assert (process.returncode, process.stderr) == (0, '')
+    assert '/rosout [rcl_interfaces/msg/Log] 2 publishers, 0 subscribers' in process.stdout
+    assert '_hidden' not in process.stdout
 
-    ours = done.stdout.partition('/ecu [')[2]
-    assert ours.startswith('barc_interfaces/msg/ECU] 1 publisher, 1 subscriber')
+    paragraph = process.stdout.partition('/ecu [')[2]
+    assert paragraph.startswith('barc_interfaces/msg/ECU] 1 publisher, 1 subscriber')
 
-    publisher, subscription, *_ = ours.split('\n\n')[1:]
+    publisher, subscription, *_ = paragraph.split('\n\n')[1:]
     assert 'Node name: talker\n' in publisher
     assert 'Endpoint type: PUBLISHER\n' in publisher
     assert 'Node name: listener\n' in subscription

@@ -48,22 +48,22 @@ def test_everything_is_in_the_zip(lab: Path) -> None:
     teleop_bag(lab / 'bags' / 'drive')
     (lab / 'drive.mp4').write_bytes(bytes(2 << 20))
 
-    done = barc('submit', 'lab')
+    process = barc('submit', 'lab')
 
-    assert (done.returncode, done.stderr) == (0, '')
+    assert (process.returncode, process.stderr) == (0, '')
 
     with zipfile.ZipFile('lab.zip') as archive:
         names = archive.namelist()
         summary = archive.read('summary.txt').decode()
         assert archive.read('controller.py') == CONTROLLER.encode()
         assert b'--bag-dir' not in archive.read('report.html')
-    wanted = {
+    expected = {
         *OWN, 'report.html', 'teleop.html', 'summary.txt', 'drive.mp4',
         'course/metadata.yaml',
     }  # fmt: skip
-    assert wanted <= {*names}
+    assert expected <= {*names}
     assert [name for name in names if name.startswith('teleop/') and name.endswith('.mcap')]
-    assert done.stdout.startswith(summary)
+    assert process.stdout.startswith(summary)
     assert 'the RMS error is 0.101 m/s, the maximum 0.367 m/s' in summary
     assert 'teleop        1.0 s by hand (barc teleop --lab lab)' in summary
     assert [line for line in summary.splitlines() if 'missing' in line] == [
@@ -96,10 +96,10 @@ def test_each_missing_part_of_a_submission_has_a_line(lab: Path) -> None:
     for name in OWN.keys() - {'relay.py'}:
         (lab / name).unlink()
 
-    done = barc('submit', 'lab', '--save', 'mine.zip')
+    process = barc('submit', 'lab', '--save', 'mine.zip')
 
-    assert done.returncode == 0
-    missing = [line for line in done.stdout.splitlines() if 'missing: ' in line]
+    assert process.returncode == 0
+    missing = [line for line in process.stdout.splitlines() if 'missing: ' in line]
     parts = ['code'] * 3 + ['course', 'teleop', 'video', 'description']
     assert [line.split()[0] for line in missing] == parts
     assert zipfile.ZipFile('mine.zip').namelist() == ['relay.py', 'summary.txt']
@@ -107,8 +107,8 @@ def test_each_missing_part_of_a_submission_has_a_line(lab: Path) -> None:
 
 def test_a_drive_of_a_controller_is_not_one_by_hand(lab: Path) -> None:
     bag = make(lab.parent / 'course', simulate(distance=1.0), {'command': 'barc acc'})
-    done = barc('submit', 'lab', '--teleop', str(bag))
-    assert '(barc acc): name a drive by hand' in done.stdout
+    process = barc('submit', 'lab', '--teleop', str(bag))
+    assert '(barc acc): name a drive by hand' in process.stdout
     assert not [n for n in zipfile.ZipFile('lab.zip').namelist() if n.startswith('teleop')]
 
 
@@ -116,11 +116,11 @@ def test_code_that_fails_is_packed_with_its_bag_and_the_sentence(lab: Path) -> N
     text = CONTROLLER.replace('return acc', 'return acc if error > 1.0 else missing')
     (lab / 'controller.py').write_text(text)
 
-    done = barc('submit', 'lab')
+    process = barc('submit', 'lab')
 
-    assert done.returncode == 0
-    assert 'course        missing: the drive failed: controller.py, line' in done.stdout
-    assert "NameError: name 'missing' is not defined" in done.stdout
+    assert process.returncode == 0
+    assert 'course        missing: the drive failed: controller.py, line' in process.stdout
+    assert "NameError: name 'missing' is not defined" in process.stdout
     assert [name for name in zipfile.ZipFile('lab.zip').namelist() if name.endswith('.mcap')]
 
 
@@ -128,12 +128,12 @@ def test_code_that_fails_is_packed_with_its_bag_and_the_sentence(lab: Path) -> N
 def test_unchanged_templates_are_named() -> None:
     assert barc('new', 'fresh').returncode == 0
 
-    done = barc('submit', 'fresh', '--teleop', 'nowhere')
+    process = barc('submit', 'fresh', '--teleop', 'nowhere')
 
-    assert 'missing: relay.py is still the template' in done.stdout
-    assert "teleop        missing: there is no bag 'nowhere'" in done.stdout
-    assert 'video         missing: save one in your folder' in done.stdout
-    assert 'description   missing: ' in done.stdout
+    assert 'missing: relay.py is still the template' in process.stdout
+    assert "teleop        missing: there is no bag 'nowhere'" in process.stdout
+    assert 'video         missing: save one in your folder' in process.stdout
+    assert 'description   missing: ' in process.stdout
 
 
 @pytest.mark.parametrize(

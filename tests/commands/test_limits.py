@@ -41,9 +41,9 @@ TABLE = [
 def sentence(function: Callable[..., object], arguments: dict[str, Any]) -> str:
     with pytest.raises(UserError) as refusal:
         function(**arguments)
-    name, colon, why = str(refusal.value).partition(': ')
+    name, colon, reason = str(refusal.value).partition(': ')
     assert (name, colon) in ((*arguments, ': '), ('kp', ': '))
-    return why
+    return reason
 
 
 @pytest.mark.usefixtures('ros_domain')
@@ -70,10 +70,10 @@ def sentence(function: Callable[..., object], arguments: dict[str, Any]) -> str:
 def test_a_command_refuses_a_value_with_the_sentence_of_python(
     function: Callable[..., object], arguments: dict[str, Any], words: str
 ) -> None:
-    why = sentence(function, arguments)
+    reason = sentence(function, arguments)
     _, option, value, *_ = words.split()
-    named = value.partition('=')[0] if option == '--gain' else option
-    assert f'{named}: {why}' in refused(*words.split())
+    name = value.partition('=')[0] if option == '--gain' else option
+    assert f'{name}: {reason}' in refused(*words.split())
 
 
 @pytest.mark.parametrize(
@@ -104,12 +104,12 @@ def test_a_parameter_refuses_a_value_with_the_sentence_of_python(
     parameter: str,
     value: Any,  # noqa: ANN401
 ) -> None:
-    why = sentence(function, arguments)
+    reason = sentence(function, arguments)
     overrides = [Parameter(parameter, value=value)]
     node = Node('car', context=ros, parameter_overrides=overrides)
     with pytest.raises(UserError) as refusal:
         declare(node, (each for each in TABLE if each.name == parameter))
-    assert str(refusal.value) == f'parameter {parameter} of car: {why}'
+    assert str(refusal.value) == f'parameter {parameter} of car: {reason}'
     node.destroy_node()
 
 
@@ -123,10 +123,10 @@ def test_a_missing_file_is_refused_with_the_sentence_of_python() -> None:
 @pytest.mark.parametrize('name', sorted(LIMITS.keys() - {'disturbance'}))  # which takes a file, too
 @pytest.mark.parametrize('value', [nan, -inf, '1', None, True, [1.0]])
 def test_every_field_refuses_a_value_that_is_not_a_number(name: str, value: object) -> None:
-    why = sentence(Scenario, {name: value})
-    assert ' is not a ' in why
+    reason = sentence(Scenario, {name: value})
+    assert ' is not a ' in reason
     if name != 'laps':  # of `lap`
-        assert sentence(simulate, {name: value}) == why
+        assert sentence(simulate, {name: value}) == reason
 
 
 @pytest.mark.parametrize(('ts', 'duration'), [(0.0, 600.0), (-0.02, 1.0), (0.02, inf), (2.0, 1.0)])

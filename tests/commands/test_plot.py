@@ -130,11 +130,11 @@ def test_the_comparison_of_runs_needs_a_display_or_a_name(directory: Path) -> No
 def test_with_a_display_the_figure_is_shown(
     directory: Path, monkeypatch: pytest.MonkeyPatch, args: list[str], saved: bool
 ) -> None:
-    window, shown = Figure(), []
+    window, figures = Figure(), []
     monkeypatch.setattr(windows, 'window', lambda *_: window)
-    monkeypatch.setattr(windows, 'show', lambda: shown.append(len(window.axes)))
+    monkeypatch.setattr(windows, 'show', lambda: figures.append(len(window.axes)))
     assert barc(['plot', str(directory), *args]) == 0
-    assert shown == [4]
+    assert figures == [4]
     assert Path('a.png').exists() == saved
     assert not (directory / 'speed.png').exists()
 

@@ -107,12 +107,12 @@ def test_bad_input_is_refused_in_one_line_and_leaves_no_file(
     files = {'file': tmp_path / 'file', 'broken': tmp_path / 'broken.csv'}
     for file in files.values():
         file.write_text('start_m,grade_deg\n0,steep\n')
-    done = barc(*command.format(**files).split(), main=main)
+    process = barc(*command.format(**files).split(), main=main)
 
-    assert (done.returncode, done.stdout) == (2, '')
-    assert ' error: ' in done.stderr
-    assert words in done.stderr
-    assert done.stderr.count('\n') == 1
+    assert (process.returncode, process.stdout) == (2, '')
+    assert ' error: ' in process.stderr
+    assert words in process.stderr
+    assert process.stderr.count('\n') == 1
     assert not list(here.iterdir())
 
 
@@ -120,10 +120,18 @@ def test_bad_input_is_refused_in_one_line_and_leaves_no_file(
 
 
 def test_parameters_after_ros_args_count_unless_an_option_is_given(here: Path) -> None:
-    given = ('--ros-args', '-p', 'vehicle_simulator:distance:=1.0', '-p', 'controller:kp:=20.0')
-    path = bag_of(here, *MAX, '--kp', '25', '--bag-dir', 'a/b', *given)
+    parameters = (
+        '--ros-args',
+        '-p',
+        'vehicle_simulator:distance:=1.0',
+        '-p',
+        'controller:kp:=20.0',
+    )
+
+    path = bag_of(here, *MAX, '--kp', '25', '--bag-dir', 'a/b', *parameters)
     assert_whole(path)
     assert path.parent == here / 'a' / 'b'
+
     log = bag.read(path)
     assert log.x[-2] < 1.0 <= log.x[-1]
     assert bag.info(path)['kp'] == '25.0'
@@ -140,25 +148,25 @@ def test_a_parameter_that_no_node_has_is_named(here: Path, engine: str) -> None:
     }
     text = (f'{node}:\n  ros__parameters:\n    {name}: 3e3\n' for node, name in sections.items())
     (here / 'all.yaml').write_text(''.join(text))
-    given = ('--params-file', 'all.yaml', '-p', 'ki:=2.0', '-p', 'kj:=2.0', '-p', 'pid:kp:=2.0')
+    words = ('--params-file', 'all.yaml', '-p', 'ki:=2.0', '-p', 'kj:=2.0', '-p', 'pid:kp:=2.0')
     run = ('acc', *MAX, '--no-bag', '--distance', '0.3', '--engine', engine)
-    done = barc(*run, '--ros-args', '-r', '__ns:=/car1', *given)
+    process = barc(*run, '--ros-args', '-r', '__ns:=/car1', *words)
 
-    assert re.findall('warning: (.*) sets nothing', done.stderr) == [
+    assert re.findall('warning: (.*) sets nothing', process.stderr) == [
         'all.yaml vehicle_simulator:mass',
         'all.yaml car1/controller:kpp',
         '-p kj',
         '-p pid:kp',
     ]
-    assert done.returncode == 0
+    assert process.returncode == 0
 
 
 def test_the_real_time_factor_scales_the_time_of_the_run(here: Path) -> None:
     path = bag_of(here, '--distance', '0.3', '--realtime-factor', '0.5')
     (file,) = path.glob('*.mcap')
     with file.open('rb') as stream:
-        found = make_reader(stream).iter_messages(['/z_vhcl'])
-        times = [message.publish_time for _, _, message in found]
+        states = make_reader(stream).iter_messages(['/z_vhcl'])
+        times = [message.publish_time for _, _, message in states]
     # 40 ms for a step of 20 ms; a machine that stalls makes it longer, none makes it shorter.
     assert (times[-1] - times[0]) / (len(times) - 1) > 35e6
 
@@ -225,8 +233,10 @@ def test_signal_at_any_moment_leaves_a_whole_bag_or_none(
     chance = random.Random(seed)  # noqa: S311 (no secret)
     number = chance.choice([signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
     # A signal before this ends Python's own start, with its traceback.
-    begun = 'signal.signal(signal.SIGINT, signal.SIG_DFL); print(file=sys.stderr, flush=True)\n'
-    process = start('acc', '-q', *SHORT, prelude=PRELUDE + begun)
+    announce_start = (
+        'signal.signal(signal.SIGINT, signal.SIG_DFL); print(file=sys.stderr, flush=True)\n'
+    )
+    process = start('acc', '-q', *SHORT, prelude=PRELUDE + announce_start)
     assert process.stderr
     process.stderr.readline()
     try:

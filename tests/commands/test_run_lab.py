@@ -59,18 +59,18 @@ def test_the_users_class_gets_the_gains_and_the_bag_its_files(tmp_path: Path) ->
     text = "print('loaded')\nimport gain\n" + pid_with('print(1)')
     folder = lab(tmp_path / 'lab', controller=text, gain='')
     words = ('-q', *MAX, '--distance', '1', '--kp', '0.5', '--lab', 'lab')
-    done = barc('acc', *words)
+    process = barc('acc', *words)
     path = bag.newest(tmp_path / 'bags')
     # Quiet, it prints nothing of theirs.
-    assert (done.returncode, done.stdout) == (0, f'{path.relative_to(tmp_path)}\n')
+    assert (process.returncode, process.stdout) == (0, f'{path.relative_to(tmp_path)}\n')
 
     log = bag.read(path)
     assert np.array_equal(log.motor, 0.5 * (8.0 - log.v_x))
     assert np.isnan(log.proportional).all()
 
     names = ('controller.py', 'gain.py')
-    wanted = {f'student/{name}': (folder / name).read_bytes() for name in names}
-    assert bag.load(path).attachments == wanted
+    expected = {f'student/{name}': (folder / name).read_bytes() for name in names}
+    assert bag.load(path).attachments == expected
 
 
 def test_the_labs_published_law_drives_as_published(tmp_path: Path) -> None:
@@ -92,10 +92,10 @@ def test_the_labs_published_law_drives_as_published(tmp_path: Path) -> None:
 def test_a_runaway_car_ends_the_run(tmp_path: Path) -> None:
     wrong_sign = replaced(PID, ('_reference - speed_current', '_current - 8.0'))
     lab(tmp_path / 'lab', controller=wrong_sign)
-    done = barc('acc', *MAX, '--lab', 'lab', '--kp', '10')
-    assert done.returncode == 1
+    process = barc('acc', *MAX, '--lab', 'lab', '--kp', '10')
+    assert process.returncode == 1
     assert 'the error is speed_reference - speed_current; at -1090 m/s it is given up' in (
-        done.stderr
+        process.stderr
     )
 
 
@@ -143,11 +143,11 @@ def test_the_bag_has_all_states_before_an_error_of_the_users_code(
 ) -> None:
     lab(tmp_path / 'lab', **{name: text})
     lock_step = MAX if states else ()
-    done = barc(*command.split(), '-q', *lock_step, '--lab', 'lab')
+    process = barc(*command.split(), '-q', *lock_step, '--lab', 'lab')
     path = bag.newest(tmp_path / 'bags')
-    assert (done.returncode, done.stdout) == (1, f'{path.relative_to(tmp_path)}\n')
-    assert f'barc {command.split(maxsplit=1)[0]}: error: {sentence}' in done.stderr
-    assert 'Traceback' not in done.stderr
+    assert (process.returncode, process.stdout) == (1, f'{path.relative_to(tmp_path)}\n')
+    assert f'barc {command.split(maxsplit=1)[0]}: error: {sentence}' in process.stderr
+    assert 'Traceback' not in process.stderr
 
     information = bag.info(path)
     assert information['failure'].startswith(sentence)
@@ -182,11 +182,11 @@ def test_files_that_cannot_be_used_leave_no_bag(tmp_path: Path, options: str, wo
     lab(tmp_path / 'line', raceline='def line(x, y, psi, half): return 0.0 * x\n')
     lab(tmp_path / 'empty')
     lab(tmp_path / 'identify', identify='def command(t): return 1.0\n')
-    done = barc('acc', '-q', *options.split())
+    process = barc('acc', '-q', *options.split())
 
-    assert (done.returncode, done.stdout) == (2, '')
-    assert words in done.stderr
-    assert done.stderr.count('\n') == 1
+    assert (process.returncode, process.stdout) == (2, '')
+    assert words in process.stderr
+    assert process.stderr.count('\n') == 1
     assert not (tmp_path / 'bags').exists()
 
 
@@ -194,16 +194,16 @@ def test_files_of_a_track_beside_a_controller_do_not_matter_on_a_road(tmp_path: 
     lane = 'class Lane:\n    def steer_calculate(self, e_y, e_psi, speed, curvature): return 0.0\n'
     raceline = 'def line(x, y, psi, half): return 0.0 * x\n'
     lab(tmp_path / 'lab', controller=PID, lane=lane, raceline=raceline)
-    done = barc('acc', '-q', *MAX, '--distance', '1', '--lab', 'lab')
-    assert (done.returncode, done.stderr) == (0, '')
+    process = barc('acc', '-q', *MAX, '--distance', '1', '--lab', 'lab')
+    assert (process.returncode, process.stderr) == (0, '')
 
 
 def test_a_drive_with_commands_of_the_users_has_no_reference(tmp_path: Path) -> None:
     code = "NAME = 'Ann'\n\ndef command(t): return 1.0\n\ndef estimate(t, v, a): return [0.0] * 6\n"
     lab(tmp_path / 'lab', identify=code)
-    done = barc('acc', '-q', *MAX, '--road', 'flat', '--distance', '5', '--lab', 'lab')
-    assert done.returncode == 0, done.stderr
-    log = bag.read(tmp_path / done.stdout.strip())
+    process = barc('acc', '-q', *MAX, '--road', 'flat', '--distance', '5', '--lab', 'lab')
+    assert process.returncode == 0, process.stderr
+    log = bag.read(tmp_path / process.stdout.strip())
     assert np.isnan(log.reference).all()
     assert log.motor[0] == 1.0
 

@@ -48,7 +48,7 @@ def set_traps(folder: Path, *, as_folders: bool) -> None:
 
 def run(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """Run `barc COMMAND` as the installed program does: without the working directory."""
-    done = subprocess.run(
+    process = subprocess.run(
         python_command('barc_sim', *words),
         cwd=folder,
         env=os.environ | {'TRAP': str(folder.parent / 'caught')},
@@ -59,7 +59,7 @@ def run(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     )
     caught = folder.parent / 'caught'
     assert not caught.exists(), caught.read_text()
-    return done
+    return process
 
 
 @pytest.fixture
@@ -81,8 +81,8 @@ def test_a_submission_is_graded_beside_modules_of_pythons_names(
     except UserError as error:
         pytest.skip(str(error))
     set_traps(ada, as_folders=as_folders)
-    done = run(ada, 'grade', '.', '--out', '../grades', '--jobs', '1')
-    assert done.returncode == 0, done.stderr
+    process = run(ada, 'grade', '.', '--out', '../grades', '--jobs', '1')
+    assert process.returncode == 0, process.stderr
 
     results = json.loads((ada.parent / 'grades' / 'results.json').read_text())
     assert results['score'] == 100.0
@@ -106,8 +106,8 @@ def test_settings_of_matplotlib_do_not_change_a_figure(tmp_path: Path) -> None:
     folder = tmp_path / 'ada'
     folder.mkdir()
     (folder / 'matplotlibrc').write_text('savefig.facecolor: red\nfont.size: 30\nbackend: none\n')
-    done = run(folder, 'plot', str(bag), '--save', 'own.png')
-    assert (done.returncode, done.stderr) == (0, '')
+    process = run(folder, 'plot', str(bag), '--save', 'own.png')
+    assert (process.returncode, process.stderr) == (0, '')
     assert (folder / 'own.png').read_bytes() == (tmp_path / 'usual.png').read_bytes()
 
 
@@ -121,9 +121,9 @@ def test_settings_of_fast_dds_are_not_read(tmp_path: Path) -> None:
         '<dds><log><use_default>FALSE</use_default><consumer><class>FileConsumer</class><property>'
         f'<name>filename</name><value>{log}</value></property></consumer></log><wrong/></dds>'
     )
-    done = run(folder, 'topics')
+    process = run(folder, 'topics')
 
-    assert 'no node is running' in done.stderr
+    assert 'no node is running' in process.stderr
     assert not log.exists()
 
 
@@ -131,7 +131,7 @@ def test_python_m_imports_nothing_more_of_the_working_directory(ada: Path) -> No
     for name in ('argparse', 'json', 'signal', 'socket', 'numpy', 'yaml', 'rich'):
         (ada / f'{name}.py').write_text(TRAP)
     caught = ada.parent / 'caught'
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, '-m', 'barc_sim', 'check', '.'],
         cwd=ada,
         env=os.environ | {'TRAP': str(caught)},
@@ -141,7 +141,7 @@ def test_python_m_imports_nothing_more_of_the_working_directory(ada: Path) -> No
     )
 
     assert not caught.exists(), caught.read_text()
-    assert 'criteria are met in full' in done.stdout, done.stderr
+    assert 'criteria are met in full' in process.stdout, process.stderr
 
 
 #: Honest submissions, right and wrong ones.
@@ -220,12 +220,14 @@ def test_twenty_submissions_get_the_same_points_in_a_class_of_forty_as_alone(
     thread = threading.Thread(target=exchange)
     thread.start()
     try:
-        done = run(folder, 'grade', '.', '--out', '../grades', '--jobs', '2', '--time-limit', '30')
+        process = run(
+            folder, 'grade', '.', '--out', '../grades', '--jobs', '2', '--time-limit', '30'
+        )
     finally:
         over.set()
         thread.join()
 
-    assert (done.returncode, done.stderr) == (0, '')
+    assert (process.returncode, process.stderr) == (0, '')
     out = tmp_path / 'grades'
     assert len([path for path in out.iterdir() if (path / 'report.html').exists()]) == 40
     assert 'the_secret' not in (out / 'exchanged' / 'report.html').read_text()

@@ -87,11 +87,11 @@ def test_a_users_controller_is_tuned(tmp_path: Path) -> None:
     out = printed('tune', *QUICK, *args)
     assert command_of(out)[-2:] == ['--controller', str(path)]
 
-    start, found = (float(each) for each in _row(out, 'kp'))
+    start, best = (float(each) for each in _row(out, 'kp'))
     assert start == 12.0  # the file chooses it
 
     # As in a run with it, there is no limit of acceleration.
-    for kp, cost in zip((start, found), _row(out, 'cost: rms'), strict=True):
+    for kp, cost in zip((start, best), _row(out, 'cost: rms'), strict=True):
         ways = {'road': 'flat', 'distance': 30.0, 'acceleration_limit': NO_LIMIT}
         controller = controller_of(path)
         controller.kp = kp

@@ -145,6 +145,7 @@ def test_any_request_stays_within_the_limits(
         driver.receive(DriverInput(forward, turn, brake), t)
         t += wait
         command = driver.command(t, speed)
+
         assert abs(command.motor) <= max(LIMITS.acceleration, LIMITS.deceleration)
         assert abs(command.servo) <= LIMITS.steering
         assert abs(command.servo - angle) <= LIMITS.steering_rate * driver.dt + 1e-12

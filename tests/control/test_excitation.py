@@ -16,9 +16,9 @@ def test_the_binary_sequence_has_its_maximum_length() -> None:
     assert set(bits) == {-1.0, 1.0}
     assert (bits[:1023] == bits[1023:]).all()
 
-    found = [bits[:1023] @ bits[k : k + 1023] for k in range(1023)]
-    assert found[0] == 1023.0
-    assert set(found[1:]) == {-1.0}
+    correlation = [bits[:1023] @ bits[k : k + 1023] for k in range(1023)]
+    assert correlation[0] == 1023.0
+    assert set(correlation[1:]) == {-1.0}
 
     prbs.reset()
     assert prbs.acc_calculate(8.0, 0.0) == bits[0]

@@ -124,12 +124,12 @@ def test_a_law_without_feedforward_keeps_its_error_on_a_circle() -> None:
 def test_each_law_keeps_to_the_track_and_is_the_same_to_either_side(kind: type[LaneLaw]) -> None:
     track = Track.named('figure-eight')
     mirror = Track(track.lengths, tuple(-each for each in track.curvatures))
-    ours, mirrored = (lap(kind(), each, laps=1, e_y=0.5) for each in (track, mirror))
-    assert np.abs(ours.e_y[200:]).max() < 0.3
+    log, mirrored = (lap(kind(), each, laps=1, e_y=0.5) for each in (track, mirror))
+    assert np.abs(log.e_y[200:]).max() < 0.3
     flipped = lap(kind(), mirror, laps=1, e_y=-0.5)
-    assert (ours.e_y == -flipped.e_y).all()
-    assert (ours.servo == -flipped.servo).all()
-    assert not (ours.e_y == -mirrored.e_y).all()
+    assert (log.e_y == -flipped.e_y).all()
+    assert (log.servo == -flipped.servo).all()
+    assert not (log.e_y == -mirrored.e_y).all()
 
 
 def test_from_1_m_beside_the_lane_the_lqr_returns_within_30_m() -> None:

@@ -67,13 +67,13 @@ RESULTS = {
 COLUMNS = 22
 
 
-def results_of(drawn: Any, profile: Any, bends: Any, results: Any) -> None:  # noqa: ANN401
+def results_of(arguments: Any, profile: Any, bends: Any, results: Any) -> None:  # noqa: ANN401
     """Store what each law returns for each row, in columns as `RESULTS` has them."""
     memory = PidMemory(0.0, np.nan)
     observed = LqrMemory(0.0, 0.0, np.nan)
-    for i in range(len(drawn)):
-        e_y, e_psi, speed, curvature, ahead, l_f, l_r = drawn[i][:7]
-        first, second, third, limit, dt, place = drawn[i][7:]
+    for i in range(len(arguments)):
+        e_y, e_psi, speed, curvature, ahead, l_f, l_r = arguments[i][:7]
+        first, second, third, limit, dt, place = arguments[i][7:]
         row = results[i]
 
         row[0], row[1] = steady_turn(curvature, l_f, l_r)
@@ -108,35 +108,37 @@ def results_of(drawn: Any, profile: Any, bends: Any, results: Any) -> None:  # n
 
 
 @pytest.fixture(scope='module')
-def both() -> tuple[Floats, Floats]:
+def numbers_of_both() -> tuple[Floats, Floats]:
     """Return the results in Python, and those of the compiled loop."""
     random = np.random.default_rng(43)
     low, high = np.array([*VALUES.values()]).T
-    drawn = random.uniform(low, high, (DRAWS, len(VALUES)))
+    arguments = random.uniform(low, high, (DRAWS, len(VALUES)))
     bends = random.uniform(-0.2, 0.2, (DRAWS, POINTS))
     # Values at which a law takes another branch.
     for column, value in ((1, 0.0), (2, -0.0), (3, 0.0), (4, -0.0), (9, 0.0), (11, 0.0)):
-        drawn[random.random(DRAWS) < 0.1, column] = value
+        arguments[random.random(DRAWS) < 0.1, column] = value
     straight = random.random(DRAWS) < 0.1
     bends[straight] = 0.0
-    drawn[:, 4] = np.where(straight, drawn[:, 3], drawn[:, 4])
-    drawn[random.random(DRAWS) < 0.01, 2] = np.nan  # a measurement that is none
+    arguments[:, 4] = np.where(straight, arguments[:, 3], arguments[:, 4])
+    arguments[random.random(DRAWS) < 0.01, 2] = np.nan  # a measurement that is none
 
     lengths, limits, squares = random.uniform(1.0, 400.0, (3, SEGMENTS))
     profile = ProfileColumns(lengths, limits, squares, 2.0)
-    found = np.full((DRAWS, COLUMNS), np.inf)
-    compiled(results_of)(drawn, profile, bends, found)
+    compiled_results = np.full((DRAWS, COLUMNS), np.inf)
+    compiled(results_of)(arguments, profile, bends, compiled_results)
 
     of_python = ProfileColumns(lengths.tolist(), limits.tolist(), squares.tolist(), 2.0)
     expected = [[np.inf] * COLUMNS for _ in range(DRAWS)]
-    results_of(drawn.tolist(), of_python, bends.tolist(), expected)
-    return np.array(expected), found
+    results_of(arguments.tolist(), of_python, bends.tolist(), expected)
+    return np.array(expected), compiled_results
 
 
 @pytest.mark.skipif(not is_compiled(), reason='needs the extra fast')
 @pytest.mark.parametrize('name', RESULTS)
-def test_a_compiled_law_gives_the_numbers_of_python(name: str, both: tuple[Floats, Floats]) -> None:
-    expected, found = (each[:, RESULTS[name]] for each in both)
+def test_a_compiled_law_gives_the_numbers_of_python(
+    name: str, numbers_of_both: tuple[Floats, Floats]
+) -> None:
+    expected, results = (each[:, RESULTS[name]] for each in numbers_of_both)
     assert len(np.unique(expected[:, 0])) > DRAWS // 20
-    np.testing.assert_array_equal(found, expected)
-    assert (np.signbit(found) == np.signbit(expected))[~np.isnan(expected)].all()
+    np.testing.assert_array_equal(results, expected)
+    assert (np.signbit(results) == np.signbit(expected))[~np.isnan(expected)].all()

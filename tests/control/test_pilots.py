@@ -85,8 +85,8 @@ def answered(controller: object, lane: object = None, track: Track | None = None
     def declare(parameters: list[ParameterDeclaration]) -> dict[str, Any]:
         return {each.name: each.default for each in parameters}
 
-    def never(why: Any) -> None:  # noqa: ANN401
-        raise AssertionError(why())
+    def never(reason: Any) -> None:  # noqa: ANN401
+        raise AssertionError(reason())
 
     return CruiseControl(controller, declare, 8.0, never, never, track, lane)
 
@@ -110,8 +110,8 @@ def test_a_law_that_plans_the_speed_becomes_another_pilot_than_one_that_only_ste
     pilot = as_lane_pilot(law)
     assert type(pilot) is kind
     assert pilot.plans_speed == (kind is PlanPilot)
-    both = LaneKeeping(as_pilot(PID()), pilot)
-    assert both.follows_reference != both.plans_speed
+    keeping = LaneKeeping(as_pilot(PID()), pilot)
+    assert keeping.follows_reference != keeping.plans_speed
 
 
 def test_a_law_that_plans_the_speed_replaces_the_acceleration_and_has_no_reference() -> None:
@@ -143,9 +143,9 @@ def test_commands_over_time_act_at_the_same_states_with_and_without_ros() -> Non
     stamps = range(10**18, 10**18 + 151 * 20_000_000, 20_000_000)
     answers = [control.take_state(stamp, AT_REST) for stamp in stamps]
     assert [each.motor for each in answers if each] == log.motor.tolist()
-    found = control.computed()
-    assert isnan(found['reference'])
-    assert (found['names'], found['values']) == (['seconds'], [3.0])
+    facts = control.computed()
+    assert isnan(facts['reference'])
+    assert (facts['names'], facts['values']) == (['seconds'], [3.0])
 
 
 def test_node_and_closed_loop_ask_a_pilot_for_the_same_situations() -> None:
@@ -158,8 +158,8 @@ def test_node_and_closed_loop_ask_a_pilot_for_the_same_situations() -> None:
     plant = Plant(track=TRACK)
     log = closed_loop(plant, lane=without, distance=20.0, max_duration=4.0)
     control = answered(None, with_node, TRACK)
-    for k, seen in enumerate(without.seen):
-        control.take_state(k * plant.period_ns, seen.measured)
+    for k, situation in enumerate(without.seen):
+        control.take_state(k * plant.period_ns, situation.measured)
     assert len(log) == len(without.seen) > 100
     assert with_node.seen == without.seen
     assert all(each.place for each in without.seen)

@@ -52,8 +52,8 @@ def test_without_limits_the_command_is_the_lqrs(curvature: float) -> None:
     k = discrete_lqr(law)
     for e_y, e_psi in ((0.1, 0.0), (0.0, 0.1), (-0.2, 0.05)):
         law.reset()
-        found = law.steer_calculate(e_y, heading + e_psi, 6.0, lambda _: curvature)
-        assert found == pytest.approx(steer - k @ [e_y, e_psi], abs=1e-9)
+        angle = law.steer_calculate(e_y, heading + e_psi, 6.0, lambda _: curvature)
+        assert angle == pytest.approx(steer - k @ [e_y, e_psi], abs=1e-9)
 
 
 def test_short_steps_lead_to_the_closed_form_of_the_lqr() -> None:

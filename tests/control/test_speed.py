@@ -295,12 +295,12 @@ def test_two_arguments_or_three_give_the_same_run(kind: type[Lab]) -> None:
 
 
 def test_the_users_object_is_not_changed() -> None:
-    mine = Lab()
-    adapted = as_controller(mine)
+    original = Lab()
+    adapted = as_controller(original)
     first = [adapted.acc_calculate(8.0, 7.0, 0.02) for _ in range(3)]
     adapted.reset()
     assert [adapted.acc_calculate(8.0, 7.0, 0.02) for _ in range(3)] == first
-    assert mine.int_error == 0.0
+    assert original.int_error == 0.0
 
 
 def test_gains_are_those_that_the_object_has_and_can_be_set() -> None:

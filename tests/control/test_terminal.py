@@ -39,7 +39,7 @@ class Pty:
         """Return the next key."""
         return self.keys.get(timeout=DEADLINE)
 
-    def shown(self, end: bytes) -> bytes:
+    def output_until(self, end: bytes) -> bytes:
         """Return what is written to the terminal, up to `end`."""
         data = b''
         while not data.endswith(end):
@@ -77,7 +77,7 @@ def test_keys_are_read_without_enter_and_not_echoed_and_lines_still_begin_at_the
     console.type(b'[D')
     assert console.next() == 'left'
     os.write(console.fd, b'a\nb')
-    assert console.shown(b'b') == b'a\r\nb'
+    assert console.output_until(b'b') == b'a\r\nb'
 
 
 @pytest.mark.usefixtures('terminal')

@@ -61,14 +61,14 @@ def blocks(page: Path) -> list[Block]:
     text = page.read_text(encoding='utf-8')
     return [
         Block(
-            found['language'],
-            re.sub(rf'^{found["indent"]}', '', found['text'], flags=re.MULTILINE),
-            found['mark'] or '',
-            found['note'] or '',
-            text[: found.start('language')].count('\n') + 1,
-            _finished_before(text[: found.start()]),
+            match['language'],
+            re.sub(rf'^{match["indent"]}', '', match['text'], flags=re.MULTILINE),
+            match['mark'] or '',
+            match['note'] or '',
+            text[: match.start('language')].count('\n') + 1,
+            _finished_before(text[: match.start()]),
         )
-        for found in _BLOCK.finditer(text)
+        for match in _BLOCK.finditer(text)
     ]
 
 
@@ -106,15 +106,17 @@ RUN = [page for page in PAGES if any(map(is_run, blocks(page)))]
 def test_the_blocks_of_a_page_run(
     page: Path, tmp_path: Path, ros_domain: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for needed in filter(page.read_text(encoding='utf-8').count, ('gymnasium', 'daqp')):
-        pytest.importorskip(needed, reason='needs an extra')
+    for package in filter(page.read_text(encoding='utf-8').count, ('gymnasium', 'daqp')):
+        pytest.importorskip(package, reason='needs an extra')
     assert ros_domain
+
     monkeypatch.setenv('PATH', f'{Path(sys.executable).parent}{os.pathsep}{os.environ["PATH"]}')
     monkeypatch.setenv('MPLBACKEND', 'agg')
     monkeypatch.setenv('COLUMNS', '100')
     (tmp_path / 'scripts').symlink_to(ROOT / 'scripts')
     names: dict[str, Any] = {}
     monkeypatch.chdir(tmp_path)
+
     for block in filter(is_run, blocks(page)):
         where = f'{name(page)}:{block.line}'
         for finished in map(Path, block.finished):
@@ -124,6 +126,7 @@ def test_the_blocks_of_a_page_run(
             folder.mkdir(parents=True, exist_ok=True)
             for each in files:
                 (folder / each).write_text(RIGHT[each].read_text(encoding='utf-8'))
+
         if block.mark == 'file':
             Path(block.note).parent.mkdir(parents=True, exist_ok=True)
             Path(block.note).write_text(block.text, encoding='utf-8')
@@ -132,8 +135,8 @@ def test_the_blocks_of_a_page_run(
         elif block.language == 'bash':
             _run(block.text, where)
         else:
-            for i, (shown, expected) in enumerate(_commands(block.text)):
-                command = block.note if block.mark == 'run as' and i == 0 else shown
+            for i, (typed, expected) in enumerate(_commands(block.text)):
+                command = block.note if block.mark == 'run as' and i == 0 else typed
                 _compare(expected, _run(command, where), where)
 
 
@@ -160,7 +163,7 @@ def _commands(text: str) -> Iterator[tuple[str, str]]:
 
 
 def _run(command: str, where: str) -> str:
-    done = subprocess.run(
+    process = subprocess.run(
         ['bash', '-euo', 'pipefail', '-c', command],  # noqa: S607
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
@@ -170,14 +173,14 @@ def _run(command: str, where: str) -> str:
         check=False,
     )
     shown_failure = 'exit 1' in command
-    assert done.returncode == 0 or shown_failure, f'{where}: {command}\n{done.stdout}'
-    return done.stdout
+    assert process.returncode == 0 or shown_failure, f'{where}: {command}\n{process.stdout}'
+    return process.stdout
 
 
 def _compare(expected: str, printed: str, where: str) -> None:
-    wanted, got = (_CHANGING.sub('DATE_TIME', text) for text in (expected, printed))
-    if wanted.strip():
+    expected_text, got = (_CHANGING.sub('DATE_TIME', text) for text in (expected, printed))
+    if expected_text.strip():
         same = doctest.OutputChecker().check_output(
-            wanted.strip() + '\n', got.strip() + '\n', _CHECK
+            expected_text.strip() + '\n', got.strip() + '\n', _CHECK
         )
         assert same, f'{where}: the page shows\n{expected}\nand the command prints\n{printed}'

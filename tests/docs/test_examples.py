@@ -45,11 +45,11 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _modules(room: str) -> Iterator[ModuleType]:
-    found = import_module(f'barc_sim.{room}')
-    yield found
-    for each in walk_packages(getattr(found, '__path__', []), f'{found.__name__}.'):
-        if 'templates' not in each.name:
-            yield import_module(each.name)
+    module = import_module(f'barc_sim.{room}')
+    yield module
+    for info in walk_packages(getattr(module, '__path__', []), f'{module.__name__}.'):
+        if 'templates' not in info.name:
+            yield import_module(info.name)
 
 
 @pytest.mark.parametrize('name', barc_sim.__all__)
@@ -67,14 +67,17 @@ def test_the_examples_of_a_room_are_right(
 ) -> None:
     monkeypatch.setenv('MPLBACKEND', 'agg')
     monkeypatch.setattr(sys, 'path', [*sys.path])  # the confined process shortens its own
+
     if room == 'learning':
         pytest.importorskip('gymnasium', reason='needs the extra gym')
     if room in NEED_ROS:
         pytest.importorskip('rclpy')
         request.getfixturevalue('ros_domain')
-    found = doctest.DocTestFinder()
-    tests = [test for each in _modules(room) for test in found.find(each) if test.examples]
+
+    finder = doctest.DocTestFinder()
+    tests = [test for each in _modules(room) for test in finder.find(each) if test.examples]
     assert tests
+
     for test in tests:
         if test.name in NEED_DAQP and not find_spec('daqp'):
             continue
@@ -83,10 +86,12 @@ def test_the_examples_of_a_room_are_right(
         monkeypatch.chdir(folder)
         if "'bags'" in (test.docstring or ''):
             shutil.copytree(bags, 'bags')
+
         output: list[str] = []
         test.globs['Path'] = Path
         doctest.DocTestRunner().run(test, out=output.append)
         assert not output, ''.join(output)
+
         if room in NEED_ROS:  # an example needs not destroy its nodes
             import_module('rclpy').try_shutdown()
             gc.collect()

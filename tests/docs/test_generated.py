@@ -50,9 +50,9 @@ def test_the_generated_parts_of_the_pages_are_fresh(
 
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
     assert ros_domain
-    found = [path for path in write_pages.pages() if page in path.parts]
-    assert found
-    for path in found:
+    paths = [path for path in write_pages.pages() if page in path.parts]
+    assert paths
+    for path in paths:
         text = path.read_text(encoding='utf-8')
         assert write_pages.filled(text) == text, f'{path}: run python docs/_ext/write_pages.py'
 

@@ -13,8 +13,8 @@ _CLICKS = 2
 def links(page: Path) -> set[Path]:
     """Return the pages that a page links to."""
     text = page.read_text(encoding='utf-8')
-    found = {(page.parent / path).resolve() for path in re.findall(r'\]\(([\w/.-]+\.md)', text)}
-    return {path for path in found if path.is_file()}
+    targets = {(page.parent / path).resolve() for path in re.findall(r'\]\(([\w/.-]+\.md)', text)}
+    return {path for path in targets if path.is_file()}
 
 
 def reached(page: Path) -> dict[Path, int]:

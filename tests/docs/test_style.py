@@ -28,15 +28,15 @@ def sentences(text: str) -> list[list[str]]:
     text = re.sub(r'\]\([^)]*\)', ']', text)
     lines = [line for line in text.splitlines() if not re.match(r'\s*([|#:(+]|\{)', line)]
     text = re.sub(r'^\s*(?:[-*]|\d+\.) ', '\n', '\n'.join(lines), flags=re.MULTILINE)
-    found = re.split(r'(?<=[.!?:])["*)]*\s+|\n\s*\n', text)
-    words = [re.findall(r"[\w'+-]+", each) for each in found]
+    texts = re.split(r'(?<=[.!?:])["*)]*\s+|\n\s*\n', text)
+    words = [re.findall(r"[\w'+-]+", each) for each in texts]
     return [each for each in words if len(each) > 1]
 
 
 @pytest.mark.parametrize('page', PLAIN, ids=lambda page: page.stem)
 def test_the_sentences_of_a_page_are_short(page: Path) -> None:
-    found = sentences(page.read_text(encoding='utf-8'))
-    average = sum(map(len, found)) / max(len(found), 1)
+    texts = sentences(page.read_text(encoding='utf-8'))
+    average = sum(map(len, texts)) / max(len(texts), 1)
     assert average <= AVERAGE, f'{average:.1f} words'
 
 

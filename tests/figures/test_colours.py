@@ -24,9 +24,9 @@ def test_the_published_pairs_have_the_published_difference() -> None:
 @pytest.mark.parametrize('ground', [0, 1])
 def test_any_two_colours_differ_for_every_reader(reader: str, ground: int) -> None:
     close = {
-        (one, other): round(found, 1)
-        for one, other in combinations(COLOURS, 2)
-        if (found := difference(COLOURS[one][ground], COLOURS[other][ground], reader)) <= 18.0
+        (first, second): round(distance, 1)
+        for first, second in combinations(COLOURS, 2)
+        if (distance := difference(COLOURS[first][ground], COLOURS[second][ground], reader)) <= 18.0
     }
     assert close == {}
 

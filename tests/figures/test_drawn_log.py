@@ -49,15 +49,16 @@ def test_the_measurement_stands_for_a_truth_that_is_unknown() -> None:
     log = closed_loop(Plant(noise=NoiseLevels(s=0.1, v_x=0.1)), distance=1.0)
     e_s, e_v_x = log.e_s.copy(), log.e_v_x.copy()
     e_s[-1] = e_v_x[-1] = np.nan
-    shown = with_zero_for_unknown_errors(replace(log, e_s=e_s, e_v_x=e_v_x))
-    assert (shown.distance[-1], shown.speed[-1]) == (log.x[-1], log.v_x[-1])
-    assert np.array_equal(shown.distance[:-1], log.distance[:-1])
-    assert np.array_equal(shown.speed[:-1], log.speed[:-1])
+    completed = with_zero_for_unknown_errors(replace(log, e_s=e_s, e_v_x=e_v_x))
+    assert (completed.distance[-1], completed.speed[-1]) == (log.x[-1], log.v_x[-1])
+    assert np.array_equal(completed.distance[:-1], log.distance[:-1])
+    assert np.array_equal(completed.speed[:-1], log.speed[:-1])
 
 
 def test_the_road_of_a_run_has_the_grades_that_it_drove_on() -> None:
     log, lab, s = closed_loop(), Road.lab(), np.linspace(0.0, 180.0, 500)
     there_and_back = log.map(lambda column: np.concatenate([column, column[::-1]]))
+
     for run in (log, there_and_back):
         road = driven_road(run)
         assert road

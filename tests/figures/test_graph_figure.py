@@ -39,25 +39,25 @@ def places(figure: Figure) -> dict[str, tuple[float, float]]:
 def arrows(figure: Figure) -> set[tuple[float, float, float]]:
     """Return the height of each arrow, where it begins and where it ends."""
     lines = [line for line in figure.axes[0].lines if line.get_color() in (MUTED, BLUE)]
-    found = set()
+    arrows_in_figure = set()
     for shafts, heads in zip(lines[::2], lines[1::2], strict=True):
         x, y = shafts.get_data()
         assert [*heads.get_xdata()] == pytest.approx(x[1::3], abs=0.1)
-        found |= {*zip(y[::3].tolist(), x[::3].tolist(), x[1::3].tolist(), strict=True)}
-    return found
+        arrows_in_figure |= {*zip(y[::3].tolist(), x[::3].tolist(), x[1::3].tolist(), strict=True)}
+    return arrows_in_figure
 
 
 def test_arrows_lead_from_publishers_to_subscribers_in_the_row_of_their_topic() -> None:
     figure = graph_figure(LOOP, 'mine')
-    at, drawn = places(figure), arrows(figure)
+    at, arrows_drawn = places(figure), arrows(figure)
     x = {node: at[node][0] for node in LOOP.nodes}
     assert x['/sim'] < x['/pid'] < x['/recorder']
 
     clock, ecu, state, reference = (
         at[topic][1] for topic in ('/clock', '/ecu', '/state', '/reference')
     )
-    from_outside = {each for each in drawn if each[0] == reference}
-    assert drawn - from_outside == {
+    from_outside = {each for each in arrows_drawn if each[0] == reference}
+    assert arrows_drawn - from_outside == {
         (clock, x['/sim'], x['/recorder']),
         (state, x['/sim'], x['/pid']),
         (state, x['/sim'], x['/recorder']),
@@ -81,7 +81,7 @@ def test_no_words_overlap_or_leave_the_figure() -> None:
     FigureCanvasAgg(figure).draw()
     boxes = [text.get_window_extent() for text in figure.axes[0].findobj(Text) if text.get_text()]
     assert all(figure.bbox.contains(*corner) for box in boxes for corner in (box.min, box.max))
-    assert not any(one.overlaps(other) for one, other in pairwise(boxes))
+    assert not any(left.overlaps(other) for left, other in pairwise(boxes))
 
 
 def test_names_of_any_length_make_a_picture(tmp_path: Path) -> None:

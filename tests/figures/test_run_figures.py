@@ -77,10 +77,10 @@ def lines(axes: Axes) -> dict[str, np.ndarray]:
 
 def test_speed_error_grade_and_command_are_drawn_against_the_position(log: Log) -> None:
     speed, error, grade, command = axes = speed_figure(log).axes
-    drawn = lines(speed)
-    assert set(drawn) == {'speed', 'reference'}
-    assert np.array_equal(drawn['speed'], np.column_stack([log.distance, log.speed]))
-    assert np.array_equal(drawn['reference'], np.column_stack([log.distance, log.reference]))
+    line_of = lines(speed)
+    assert set(line_of) == {'speed', 'reference'}
+    assert np.array_equal(line_of['speed'], np.column_stack([log.distance, log.speed]))
+    assert np.array_equal(line_of['reference'], np.column_stack([log.distance, log.reference]))
     assert np.array_equal(grade.lines[0].get_ydata(), log.theta_deg)
     assert np.array_equal(command.lines[0].get_ydata(), log.motor)
     assert len({each.get_xlim() for each in axes}) == 1
@@ -90,8 +90,8 @@ def test_speed_error_grade_and_command_are_drawn_against_the_position(log: Log) 
 
     # The error has an axis of its own, after the run-up.
     beyond = log.distance >= 10.0
-    shown = np.where(beyond, log.speed_error, np.nan)
-    np.testing.assert_array_equal(error.lines[0].get_ydata(), shown)
+    errors_after_run_up = np.where(beyond, log.speed_error, np.nan)
+    np.testing.assert_array_equal(error.lines[0].get_ydata(), errors_after_run_up)
 
     low, high = error.get_ylim()
     assert high - low < 1.0
@@ -100,10 +100,10 @@ def test_speed_error_grade_and_command_are_drawn_against_the_position(log: Log) 
 
 def test_measurements_are_drawn_where_they_differ_from_the_truth() -> None:
     noisy = closed_loop(Plant(noise=NoiseLevels(v_x=0.1)), distance=30.0)
-    drawn = lines(speed_figure(noisy).axes[0])
-    assert set(drawn) == {'measured', 'speed', 'reference'}
-    assert np.array_equal(drawn['measured'][:, 1], noisy.v_x)
-    assert np.array_equal(drawn['speed'][:, 1], noisy.speed)
+    line_of = lines(speed_figure(noisy).axes[0])
+    assert set(line_of) == {'measured', 'speed', 'reference'}
+    assert np.array_equal(line_of['measured'][:, 1], noisy.v_x)
+    assert np.array_equal(line_of['speed'][:, 1], noisy.speed)
 
 
 def test_laps_without_noise_have_no_line_of_measurements(log: Log) -> None:
@@ -124,18 +124,18 @@ def laps_of_gains(gains: Sequence[float], *, distance: float = 30.0) -> Log:
 def test_the_best_lap_and_the_last_are_in_colour_before_the_others() -> None:
     figure = speed_figure(laps_of_gains([2.0, 20.0, 5.0, 1.0]))
     speed, error, _, command, below = figure.axes
-    drawn = {line.get_label(): line for line in speed.lines}
-    assert [*drawn] == ['other laps', 'lap 4, last', 'lap 2, best', 'reference']
+    line_of = {line.get_label(): line for line in speed.lines}
+    assert [*line_of] == ['other laps', 'lap 4, last', 'lap 2, best', 'reference']
 
-    colors = [drawn[name].get_color() for name in [*drawn][:3]]
+    colors = [line_of[name].get_color() for name in [*line_of][:3]]
     assert len({*colors}) == 3
     assert [line.get_color() for line in command.lines] == colors
     assert [line.get_color() for line in error.lines][:3] == colors
 
     # Each is a lap alone; nothing joins two of the others.
     alone = simulate(kp=20.0, ki=0.0, kd=0.0, distance=30.0)
-    assert np.array_equal(drawn['lap 2, best'].get_xydata()[:, 1], alone.speed)
-    assert np.count_nonzero(np.isnan(drawn['other laps'].get_xdata())) == 1
+    assert np.array_equal(line_of['lap 2, best'].get_xydata()[:, 1], alone.speed)
+    assert np.count_nonzero(np.isnan(line_of['other laps'].get_xdata())) == 1
 
     (table,) = below.tables
     texts = {place: cell.get_text() for place, cell in table.get_celld().items()}
@@ -247,8 +247,8 @@ def test_a_users_own_style_changes_no_saved_figure(log: Log, tmp_path: Path, kin
 
     usual = saved()
     with mpl.rc_context(USERS_STYLE):
-        own = saved()
-    assert (own == usual) is True  # short, where it fails
+        with_style = saved()
+    assert (with_style == usual) is True  # short, where it fails
 
 
 def test_drawing_opens_no_window_and_leaves_pyplot_alone() -> None:
@@ -320,9 +320,9 @@ def test_several_runs_have_a_line_each_in_one_figure(log: Log) -> None:
     figure = plot(shorter, log, labels=['part'])
     speed, error, grade, command, _ = figure.axes
     for axes in (speed, error, command):
-        one, other, *_ = axes.get_lines()
-        assert (len(one.get_xdata()), len(other.get_xdata())) == (500, len(log))
-        assert one.get_color() != other.get_color()
+        first, second, *_ = axes.get_lines()
+        assert (len(first.get_xdata()), len(second.get_xdata())) == (500, len(log))
+        assert first.get_color() != second.get_color()
     # The speed to hold and the slopes are those of both: they are drawn once.
     assert [len(line) for line in lines(speed).values()] == [500, len(log), len(log)]
     assert [*lines(speed)] == ['part', 'run 2', 'reference']
@@ -339,8 +339,8 @@ def test_each_of_several_runs_has_a_row_of_errors(log: Log) -> None:
     (table,) = plot(log, other).axes[-1].tables
     words = {cell.get_text().get_text() for cell in table.get_celld().values()}
     assert {'run 1', 'run 2', 'overshoot'} <= words
-    for each in (log, other):
-        assert f'{summary(each).rms_error_after_run_up:.3f} m/s' in words
+    for one_run in (log, other):
+        assert f'{summary(one_run).rms_error_after_run_up:.3f} m/s' in words
 
 
 def test_slopes_that_differ_have_a_line_for_each_run(log: Log) -> None:
@@ -350,8 +350,8 @@ def test_slopes_that_differ_have_a_line_for_each_run(log: Log) -> None:
 
 
 def test_slopes_are_alike_wherever_the_states_of_two_runs_lie(log: Log) -> None:
-    others = [simulate(speed_reference=5.0), simulate(ts=0.03), simulate(distance=50.0)]
-    grade = plot(log, *others).axes[2]
+    runs = [simulate(speed_reference=5.0), simulate(ts=0.03), simulate(distance=50.0)]
+    grade = plot(log, *runs).axes[2]
     assert len(grade.get_lines()) == len(grade.collections) == 1
 
 
@@ -374,7 +374,7 @@ def test_recorded_runs_are_labelled_by_what_differs() -> None:
 
 
 @pytest.mark.parametrize(
-    ('others', 'sentence'),
+    ('further_logs', 'sentence'),
     [
         ([simulate(distance=5.0)], 'runs on a track and on a road have no position in common'),
         (
@@ -383,9 +383,11 @@ def test_recorded_runs_are_labelled_by_what_differs() -> None:
         ),
     ],
 )
-def test_runs_on_different_courses_cannot_be_compared(others: list[Log], sentence: str) -> None:
+def test_runs_on_different_courses_cannot_be_compared(
+    further_logs: list[Log], sentence: str
+) -> None:
     with pytest.raises(UserError, match=f'^{sentence} .*: plot them apart$'):
-        plot(lap(track='oval', laps=1), *others)
+        plot(lap(track='oval', laps=1), *further_logs)
 
 
 def test_plot_draws_into_the_users_axes(log: Log) -> None:

@@ -39,9 +39,9 @@ def test_edges_are_half_the_width_from_the_line() -> None:
     _, left, right, centre, finish = draw_course(axes, track)
     for line, e_y in ((left, 2.0), (right, -2.0), (centre, 0.0)):
         x, y = line.get_data()
-        found = track.frenet(x, y, np.zeros(len(x)), near=track.samples())
-        np.testing.assert_allclose(found.e_y, e_y, atol=1e-9)
-        np.testing.assert_allclose(found.s, track.samples(), atol=1e-9)
+        places = track.frenet(x, y, np.zeros(len(x)), near=track.samples())
+        np.testing.assert_allclose(places.e_y, e_y, atol=1e-9)
+        np.testing.assert_allclose(places.s, track.samples(), atol=1e-9)
 
     assert np.ptp(finish.get_data()) == pytest.approx(4.0)
 
@@ -49,11 +49,13 @@ def test_edges_are_half_the_width_from_the_line() -> None:
 @pytest.mark.parametrize('length', [0.0, 20_832.0])  # that of the Nordschleife
 def test_the_metres_beside_the_track_stand_within_the_axes(length: float) -> None:
     log = lap(track='figure-eight', laps=1)
-    seen, *_ = track_figure(replace(log, track=Track((length,), (0.0,))) if length else log).axes
-    FigureCanvasAgg(seen.figure).draw()
-    places = [text.get_position() for text in seen.texts if text.get_text().endswith(' m')]
+    from_above, *_ = track_figure(
+        replace(log, track=Track((length,), (0.0,))) if length else log
+    ).axes
+    FigureCanvasAgg(from_above.figure).draw()
+    places = [text.get_position() for text in from_above.texts if text.get_text().endswith(' m')]
     assert len(places) > 5
-    assert all(seen.viewLim.contains(*place) for place in places)
+    assert all(from_above.viewLim.contains(*place) for place in places)
 
 
 def test_laps_are_those_of_the_log(log: TrackLog) -> None:
@@ -69,8 +71,8 @@ def test_laps_are_those_of_the_log(log: TrackLog) -> None:
 
     figure = track_figure(log)
     (table,) = figure.axes[1].tables
-    shown = [table[k, 1].get_text().get_text() for k in (1, 2, 3)]
-    assert shown == [f'{each:.2f} s' for each in log.lap_times]
+    times = [table[k, 1].get_text().get_text() for k in (1, 2, 3)]
+    assert times == [f'{each:.2f} s' for each in log.lap_times]
 
     (across,) = [line for line in figure.axes[2].lines if to_hex(line.get_color()) == BLUE.lower()]
     np.testing.assert_array_equal(across.get_ydata(), log.e_y[rows])
@@ -108,9 +110,9 @@ def test_a_state_whose_place_is_unknown_begins_no_lap(log: TrackLog) -> None:
 
 def test_every_run_has_a_figure(log: TrackLog) -> None:
     unfinished = log.map(lambda column: column[:300])
-    one = log.map(lambda column: column[:1])
+    single_state = log.map(lambda column: column[:1])
     without_errors = replace(log, e_v_x=np.full(len(log), np.nan))
-    for run in (log, unfinished, one, without_errors):
+    for run in (log, unfinished, single_state, without_errors):
         info = {'track': 'L', 'lane': 'stanley', 'kp': '30.0'}
         figure = run_figure(run, info, '2026-11-21_12-00-00', None)
         FigureCanvasAgg(figure).draw()
@@ -122,8 +124,8 @@ def test_every_run_has_a_figure(log: TrackLog) -> None:
     legend = track_figure(single).axes[2].get_legend()
     assert [text.get_text() for text in legend.get_texts()] == ['best lap: 1']
 
-    both = plot(log, unfinished, labels=['all', 'some'])
-    legend = both.axes[2].get_legend()
+    comparison = plot(log, unfinished, labels=['all', 'some'])
+    legend = comparison.axes[2].get_legend()
     assert [text.get_text() for text in legend.get_texts()] == ['all', 'some']
     # The whole track, though this run has not driven along it; where it is unknown, the way alone.
     for figure in (plot(unfinished), plot(replace(unfinished, track=None), log)):
@@ -171,6 +173,7 @@ def test_no_cell_of_a_table_covers_another(log: TrackLog) -> None:
         track_figure(replace(log, parameters=long_gains).map(lambda column: column[:800])),
         track_figure(unfinished, log, labels=['q_e_y=100, q_e_psi=0.5', 'weights as always']),
     ]
+
     for figure in figures:
         FigureCanvasAgg(figure).draw()
         for texts in texts_of_rows(figure):

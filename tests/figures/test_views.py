@@ -54,7 +54,7 @@ def by_hand() -> Log:
     return drive_by_hand([*requests, (6.0, FULL_BRAKE)], 9.0)
 
 
-def drawn(log: Log) -> RunView:
+def view_of_log(log: Log) -> RunView:
     view = view_of(log, Figure(figsize=SIZE, dpi=50), 'a run')
     FigureCanvasAgg(view.figure).draw()
     return view
@@ -99,7 +99,7 @@ def time_at(log: Log, distance: float) -> float:
 
 
 def test_the_car_is_pitched_as_the_road_and_rolls_in_a_window_of_any_shape(hills: Log) -> None:
-    view = drawn(hills)
+    view = view_of_log(hills)
     for size in (SIZE, (6.0, 9.0), (16.0, 4.0)):
         view.figure.set_size_inches(size)
         view.figure.canvas.draw()
@@ -119,7 +119,7 @@ def test_the_car_is_pitched_as_the_road_and_rolls_in_a_window_of_any_shape(hills
 def test_the_car_points_where_it_is_heading_to_scale_and_its_front_wheels_are_turned(
     by_hand: Log, t: float
 ) -> None:
-    view = drawn(by_hand)
+    view = view_of_log(by_hand)
     view.update(t)
     k = int(np.searchsorted(by_hand.t, t + 1e-9)) - 1
     rear, _, front, _ = wheels(view)
@@ -135,7 +135,7 @@ def test_the_car_points_where_it_is_heading_to_scale_and_its_front_wheels_are_tu
 
 
 def test_readings_are_those_of_the_time_shown(hills: Log, by_hand: Log) -> None:
-    side, above = drawn(hills), drawn(by_hand)
+    side, above = view_of_log(hills), view_of_log(by_hand)
     t = time_at(hills, 150.0)
     side.update(t)
     k = int(np.searchsorted(hills.t, t)) - 1
@@ -156,14 +156,14 @@ def test_readings_are_those_of_the_time_shown(hills: Log, by_hand: Log) -> None:
 
 
 def test_a_command_holds_until_the_next_state(hills: Log) -> None:
-    view = drawn(replace(hills, motor=np.arange(len(hills), dtype=float)))
+    view = view_of_log(replace(hills, motor=np.arange(len(hills), dtype=float)))
     for t, command in ((0.019, 0), (7 / 50, 7), (29 / 50, 29), (57 / 50, 57)):
         view.update(t)
         assert f'{command}.00 m/s²' in texts(view)
 
 
 def test_the_path_leads_to_the_car_and_not_over_a_reset(by_hand: Log) -> None:
-    view = drawn(by_hand)
+    view = view_of_log(by_hand)
     view.update(4.0)
     trail = view._trail  # type: ignore[attr-defined]  # noqa: SLF001
     points = trail.get_transform().transform(np.column_stack(trail.get_data()))
@@ -171,8 +171,8 @@ def test_the_path_leads_to_the_car_and_not_over_a_reset(by_hand: Log) -> None:
     assert points[-1] == pytest.approx(middle)
     assert len(points) == 202
 
-    both = by_hand.map(lambda column: np.tile(column, 2))
-    view = drawn(replace(both, t=np.arange(2 * len(by_hand)) * 0.02))
+    with_reset = by_hand.map(lambda column: np.tile(column, 2))
+    view = view_of_log(replace(with_reset, t=np.arange(2 * len(by_hand)) * 0.02))
     view.update(10.0)
     path = np.column_stack(view._trail.get_data())  # type: ignore[attr-defined]  # noqa: SLF001
     assert np.nanmax(np.hypot(*np.diff(path, axis=0).T)) < 1.0
@@ -180,7 +180,7 @@ def test_the_path_leads_to_the_car_and_not_over_a_reset(by_hand: Log) -> None:
 
 
 def test_a_heading_just_below_a_whole_turn_is_0_degrees(by_hand: Log) -> None:
-    view = drawn(replace(by_hand, psi=np.full(len(by_hand), 2.0 * pi - 0.003)))
+    view = view_of_log(replace(by_hand, psi=np.full(len(by_hand), 2.0 * pi - 0.003)))
     view.update(1.0)
     assert '0°' in texts(view)
     assert '360°' not in texts(view)
@@ -188,7 +188,7 @@ def test_a_heading_just_below_a_whole_turn_is_0_degrees(by_hand: Log) -> None:
 
 def test_the_chart_draws_the_present_lap_alone(hills: Log) -> None:
     twice = hills.map(lambda column: np.tile(column, 2))
-    view = drawn(replace(twice, t=0.02 * np.arange(len(twice))))
+    view = view_of_log(replace(twice, t=0.02 * np.arange(len(twice))))
     view.update(float(hills.t[-1]) + 2.0)
     assert len(view._trace.get_xdata()) < 102  # noqa: SLF001
     assert 'lap 2' in texts(view)
@@ -197,23 +197,23 @@ def test_the_chart_draws_the_present_lap_alone(hills: Log) -> None:
 
 
 def test_drives_by_hand_are_seen_from_above_and_others_from_the_side(by_hand: Log) -> None:
-    assert isinstance(drawn(by_hand), TopView)
-    assert isinstance(drawn(closed_loop(distance=5.0)), SideView)
+    assert isinstance(view_of_log(by_hand), TopView)
+    assert isinstance(view_of_log(closed_loop(distance=5.0)), SideView)
     uphill = replace(by_hand, elevation=np.linspace(0.0, 5.0, len(by_hand)))
-    assert isinstance(drawn(uphill), SideView)
+    assert isinstance(view_of_log(uphill), SideView)
 
 
 def test_unknown_readings_are_a_dash_and_a_single_state_is_drawn(hills: Log, by_hand: Log) -> None:
     unknown = np.full(len(hills), np.nan)
     for log in (replace(hills, motor=unknown), by_hand.map(lambda column: column[:1])):
-        view = drawn(log)
+        view = view_of_log(log)
         view.update(0.0)
         assert '0.00 s' in texts(view)
-    view = drawn(replace(hills, reference=unknown, motor=unknown))
+    view = view_of_log(replace(hills, reference=unknown, motor=unknown))
 
     assert '\N{EN DASH}' in texts(view)
     assert 'reference' not in [artist.get_label() for artist in view.artists]
-    assert 'reference' in [artist.get_label() for artist in drawn(hills).artists]
+    assert 'reference' in [artist.get_label() for artist in view_of_log(hills).artists]
 
 
 @pytest.fixture

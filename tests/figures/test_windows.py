@@ -24,4 +24,5 @@ def test_without_a_display_there_is_no_window(backend: str | None) -> None:
         text=True,
         check=True,
     )
+
     assert (result.stdout.strip(), result.stderr) == ('None', '')

@@ -64,8 +64,8 @@ def figures(
     with AnyReader([bag]) as reader:
         types = {connection.topic: connection.msgtype for connection in reader.connections}
         topics: Topics = {topic: [] for topic in types if topic not in _LEFT_OUT}
-        wanted = [each for each in reader.connections if each.topic in topics]
-        for connection, _, data in reader.messages(wanted):
+        recorded_topics = [each for each in reader.connections if each.topic in topics]
+        for connection, _, data in reader.messages(recorded_topics):
             topics[connection.topic].append(reader.deserialize(data, connection.msgtype))
     described = yaml.safe_load((bag / 'metadata.yaml').read_text(encoding='utf-8'))
     metadata = described['rosbag2_bagfile_information']['custom_data']
@@ -141,14 +141,14 @@ def _from_the_start(topics: Topics) -> Topics:
     states = topics['/z_vhcl']
     begin = next(k for k, state in enumerate(states) if state.v_x) - 1
     stamps = {_stamp(state) for state in states[begin : begin + _STATES_BY_HAND]}
-    kept: Topics = {}
+    later: Topics = {}
     for topic, messages in topics.items():
         if topic in ('/ecu', '/cmd_vel'):
             moving = (message for message in messages if any(v for _, v in _numbers(message)))
-            kept[topic] = [next(moving)]
+            later[topic] = [next(moving)]
         else:
-            kept[topic] = [message for message in messages if _stamp(message) in stamps]
-    return kept
+            later[topic] = [message for message in messages if _stamp(message) in stamps]
+    return later
 
 
 def _start(topic: str, topics: Topics) -> int:
@@ -191,12 +191,12 @@ def _numbers(message: Any, prefix: str = '') -> Iterator[tuple[str, float]]:  # 
             yield prefix + field.name, float(value)
 
 
-def differences(expected: Mapping[str, str], found: Mapping[str, str]) -> list[str]:
+def differences(expected: Mapping[str, str], actual: Mapping[str, str]) -> list[str]:
     """Return a line for each topic that differs: what was expected alone, and what was found."""
     return [
         f'{name}: expected {sorted(old - new)}, found {sorted(new - old)}'
-        for name in sorted(expected.keys() | found.keys())
-        if (old := {*expected.get(name, '').split()}) != (new := {*found.get(name, '').split()})
+        for name in sorted(expected.keys() | actual.keys())
+        if (old := {*expected.get(name, '').split()}) != (new := {*actual.get(name, '').split()})
     ]
 
 

@@ -26,10 +26,10 @@ needs_ros = pytest.mark.skipif(not has_ros(), reason='compares with what ROS has
 @needs_ros
 @pytest.mark.parametrize(('name', 'path'), sorted(shipped()))
 def test_definition_and_hash_are_those_of_ros(name: str, path: Path) -> None:
-    theirs = installed()[name]
-    assert theirs != path
-    assert path.read_text(encoding='utf-8') == theirs.read_text(encoding='utf-8')
-    content = json.loads(theirs.with_suffix('.json').read_text())
+    path_of_ros = installed()[name]
+    assert path_of_ros != path
+    assert path.read_text(encoding='utf-8') == path_of_ros.read_text(encoding='utf-8')
+    content = json.loads(path_of_ros.with_suffix('.json').read_text())
     hashes = {entry['type_name']: entry['hash_string'] for entry in content['type_hashes']}
     types = get_typestore(Stores.EMPTY)
     types.register(get_types_from_msg(definition(name), name))
@@ -40,6 +40,7 @@ def test_definition_and_hash_are_those_of_ros(name: str, path: Path) -> None:
 def test_dependencies_follow_depth_first_and_by_name_under_their_headings() -> None:
     text = definition('nav_msgs/msg/Odometry')
     assert text.startswith(installed()['nav_msgs/msg/Odometry'].read_text())
+
     assert re.findall(r'\n={80}\nMSG: (\S+)\n', text) == [
         'geometry_msgs/PoseWithCovariance',
         'geometry_msgs/Pose',
@@ -74,9 +75,9 @@ float64 servo            # [rad] front steering angle, positive to the left
 
 @pytest.mark.parametrize('name', ['ECU', 'barc_interfaces/ECU', 'barc_interfaces/msg/ECU'])
 def test_a_definition_is_printed_as_ros2_does(name: str) -> None:
-    done = barc('show', name)
+    process = barc('show', name)
 
-    assert (done.returncode, done.stdout, done.stderr) == (0, TEXT, '')
+    assert (process.returncode, process.stdout, process.stderr) == (0, TEXT, '')
 
 
 def test_without_ros_the_definitions_of_a_run_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -112,7 +113,7 @@ def test_services_and_the_definitions_of_a_workspace_are_found(
     ],
 )
 def test_a_wrong_name_is_refused_with_the_nearest_one(name: str, ends: str) -> None:
-    done = barc('show', name)
+    process = barc('show', name)
 
-    assert done.returncode == 2
-    assert f'there is no message, service or action {name!r}{ends}' in done.stderr
+    assert process.returncode == 2
+    assert f'there is no message, service or action {name!r}{ends}' in process.stderr

@@ -108,7 +108,7 @@ PLAIN = 'class PID:\n    def __init__(self, kp, ki, kd): pass\n'
 
 
 @pytest.mark.parametrize(
-    ('text', 'found'),
+    ('text', 'expected'),
     [
         (PLAIN, None),
         (PID, None),
@@ -142,17 +142,19 @@ PLAIN = 'class PID:\n    def __init__(self, kp, ki, kd): pass\n'
     ],
 )
 def test_gains_come_from_calls_constants_and_defaults_in_this_order(
-    text: str, found: tuple[float, float, float, str] | None
+    text: str, expected: tuple[float, float, float, str] | None
 ) -> None:
     tree = ast.parse(text)
-    made: dict[str, Any] = {}
+    names: dict[str, Any] = {}
     (kind,) = (node for node in tree.body if isinstance(node, ast.ClassDef))
-    exec(compile(ast.Module([kind], []), 'controller.py', 'exec'), made)  # noqa: S102
-    gains = find_gains(tree, 'controller.py', signature(made['PID']), 'line 2')
-    if found and found[3] == 'defaults':
-        assert gains == (*found[:3], 'defaults, line 2')
-    elif found:
-        assert gains == (*found[:3], f'controller.py, {found[3]}')
+    exec(compile(ast.Module([kind], []), 'controller.py', 'exec'), names)  # noqa: S102
+
+    gains = find_gains(tree, 'controller.py', signature(names['PID']), 'line 2')
+
+    if expected and expected[3] == 'defaults':
+        assert gains == (*expected[:3], 'defaults, line 2')
+    elif expected:
+        assert gains == (*expected[:3], f'controller.py, {expected[3]}')
     else:
         assert gains is None
 

@@ -32,11 +32,11 @@ FAST = (*ENGINE, 'max')
 UP, LEFT = b'\x1b[A', b'\x1b[D'
 
 
-def done(*words: str) -> str:
+def output_of(*words: str) -> str:
     """Run a command, which must succeed, and return its output."""
-    ended = barc(*words)
-    assert ended.returncode == 0, ended.stderr
-    return ended.stdout
+    process = barc(*words)
+    assert process.returncode == 0, process.stderr
+    return process.stdout
 
 
 def drive_by_hand(folder: Path) -> None:
@@ -59,7 +59,7 @@ def test_from_the_templates_to_the_grade(tmp_path: Path, monkeypatch: pytest.Mon
     lab = tmp_path / 'my_lab'
 
     # The templates: all is still to be written, and each command names it.
-    assert 'write bike_model.py' in done('new', 'my_lab')
+    assert 'write bike_model.py' in output_of('new', 'my_lab')
     fresh = barc('check', 'my_lab')
     assert (fresh.returncode, 'is not written yet (TODO)' in fresh.stdout) == (1, True)
     failed = barc('acc', '--lab', 'my_lab', *FAST)
@@ -68,7 +68,7 @@ def test_from_the_templates_to_the_grade(tmp_path: Path, monkeypatch: pytest.Mon
     # Task 1: the model.
     (lab / 'bike_model.py').write_text(MODEL)
     assert re.search(r'model\.v +18 / 18', barc('check', 'my_lab').stdout)
-    done('acc', '--model', 'my_lab/bike_model.py', *FAST)
+    output_of('acc', '--model', 'my_lab/bike_model.py', *FAST)
 
     # Task 2: the controller, first without the call that chooses the gains.
     (lab / 'controller.py').write_text(CONTROLLER)
@@ -76,25 +76,25 @@ def test_from_the_templates_to_the_grade(tmp_path: Path, monkeypatch: pytest.Mon
     assert (unchosen.returncode, 'chooses no gains' in unchosen.stdout) == (1, True)
 
     (lab / 'controller.py').write_text(CONTROLLER + CALL)
-    assert '8 of 8 criteria are met in full: 100 of 100 points' in done('check', 'my_lab')
-    assert 'kp 10, ki 20, kd 0.1 (controller.py, line 15), without a limit' in done(
+    assert '8 of 8 criteria are met in full: 100 of 100 points' in output_of('check', 'my_lab')
+    assert 'kp 10, ki 20, kd 0.1 (controller.py, line 15), without a limit' in output_of(
         'acc', '--lab', 'my_lab', *FAST
     )
-    assert done('plot').strip().endswith('speed.png')
-    assert done('report').strip().endswith('report.html')
+    assert output_of('plot').strip().endswith('speed.png')
+    assert output_of('report').strip().endswith('report.html')
 
     # Task 3: the drive by hand.
     (lab / 'relay.py').write_text(RELAY)
     drive_by_hand(tmp_path)
     teleop = str(newest())
-    driven = read(teleop)
-    assert driven.v_x.max() > 3.0
-    assert driven.psi.max() > 0.1  # to the left
-    done('replay', teleop, '--save', 'my_lab/drive.gif')
+    log_by_hand = read(teleop)
+    assert log_by_hand.v_x.max() > 3.0
+    assert log_by_hand.psi.max() > 0.1  # to the left
+    output_of('replay', teleop, '--save', 'my_lab/drive.gif')
 
     # What is handed in.
     (lab / 'description.md').write_text('A PID with gains by trial.\n')
-    summary = done('submit', 'my_lab')
+    summary = output_of('submit', 'my_lab')
     assert [line for line in summary.splitlines() if 'missing' in line] == [
         'code          missing: compose.py is still the template'
     ]
@@ -106,7 +106,7 @@ def test_from_the_templates_to_the_grade(tmp_path: Path, monkeypatch: pytest.Mon
     (tmp_path / 'class').mkdir()
     (tmp_path / 'my_lab.zip').rename(tmp_path / 'class' / 'ada.zip')
     (tmp_path / 'class' / 'bob').mkdir()
-    assert '100.00' not in done('grade', 'class', '--jobs', '2')
+    assert '100.00' not in output_of('grade', 'class', '--jobs', '2')
 
     rows = csv.DictReader(io.StringIO((tmp_path / 'grades' / 'class.csv').read_text()))
     ada, bob = rows
@@ -134,27 +134,27 @@ def test_labs_3_to_5_work_from_the_template_to_the_grade(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     file, right, count, by_eye, drive = LABS[number]
-    assert f'write {file}' in done('new', '--lab', number, 'mine')
+    assert f'write {file}' in output_of('new', '--lab', number, 'mine')
     fresh = barc('check', 'mine')
     assert fresh.returncode == 1
     assert f'0 of {count} criteria are met in full: 0 of 100 points, 10 still open' in fresh.stdout
 
     (tmp_path / 'mine' / file).write_text(right)
-    checked = done('check', 'mine')
+    checked = output_of('check', 'mine')
     assert f'{count} of {count} criteria are met in full: 90 of 100 points, 10 still' in checked
     assert (tmp_path / 'mine' / 'check.png').is_file()
     (tmp_path / 'mine' / 'description.md').write_text('It is as expected.')
-    summary = done('submit', 'mine')
+    summary = output_of('submit', 'mine')
     assert 'missing' not in summary
     assert re.search(drive, summary)
 
     (tmp_path / 'class').mkdir()
     (tmp_path / 'mine.zip').rename(tmp_path / 'class' / 'ada.zip')
-    assert 'Score   90.00 of 90' in done('grade', 'class', '--jobs', '1')
+    assert 'Score   90.00 of 90' in output_of('grade', 'class', '--jobs', '1')
     grades = tmp_path / 'grades' / 'ada.zip'
     assert 'data:image/png' in (grades / 'report.html').read_text()
     (grades / 'by_hand.yaml').write_text(f'points:\n  {by_eye}: 8 and why?\n')
-    assert 'By eye  8.00 of 10' in done('grade', 'class', '--jobs', '1')
+    assert 'By eye  8.00 of 10' in output_of('grade', 'class', '--jobs', '1')
     assert json.loads((grades / 'results.json').read_text())['score'] == 98.0
 
 
@@ -163,19 +163,19 @@ def test_the_car_of_a_name_is_identified_from_its_drive(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    done('new', '--lab', '5', 'mine')
+    output_of('new', '--lab', '5', 'mine')
     template = (tmp_path / 'mine' / 'identify.py').read_text()
     script = template[template.index("if __name__ == '__main__'") :]
     (tmp_path / 'mine' / 'identify.py').write_text(f'{IDENTIFY}\n\n{script}')
-    done('acc', '--road', 'flat', '--distance', '0', '--lab', 'mine', *FAST)
+    output_of('acc', '--road', 'flat', '--distance', '0', '--lab', 'mine', *FAST)
     assert read(newest()).t[-1] == pytest.approx(60.0)
 
-    ended = subprocess.run(
+    process = subprocess.run(
         [sys.executable, 'mine/identify.py', str(newest())],
         capture_output=True,
         text=True,
         check=True,
     )
-    found = [float(each) for each in re.findall(r'[-\d.e]+(?=\))', ended.stdout)]
+    estimates = [float(each) for each in re.findall(r'[-\d.e]+(?=\))', process.stdout)]
     car = car_of('Ada Lovelace')
-    assert np.all(np.abs(np.array(found[::2]) - car) <= 2.0 * np.array(found[1::2]))
+    assert np.all(np.abs(np.array(estimates[::2]) - car) <= 2.0 * np.array(estimates[1::2]))

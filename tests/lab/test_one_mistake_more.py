@@ -66,8 +66,8 @@ class MadeCode(LocalCode):
         values = law.compute(inputs, changes)
         results = [values.get(each, np.array(1e-9)) for each in self._functions.results[name]]
         shape = (len(rows), CALLED[name].numbers)
-        made = results[0] if len(results) == 1 else np.stack(np.broadcast_arrays(*results), -1)
-        return np.broadcast_to(made, shape).tolist()
+        stacked = results[0] if len(results) == 1 else np.stack(np.broadcast_arrays(*results), -1)
+        return np.broadcast_to(stacked, shape).tolist()
 
     def line_of(self, *_: object) -> str:
         """Return nothing: there are no lines."""
@@ -90,10 +90,15 @@ def errors_with(functions: Functions, formulas: Mapping[str, str]) -> Floats:
     for name, situations in functions.law.situations.items():
         for each in situations:
             inputs = each.inputs(SEED, 40)
-            right, made = functions.law.compute(inputs), functions.law.compute(inputs, formulas)
+            right, wrong_results = (
+                functions.law.compute(inputs),
+                functions.law.compute(inputs, formulas),
+            )
             for result in functions.results[name]:
                 if result in functions.criteria:
-                    error = np.broadcast_to(made[result], right[result].shape) - right[result]
+                    error = (
+                        np.broadcast_to(wrong_results[result], right[result].shape) - right[result]
+                    )
                     errors.append(float(np.sqrt(np.mean(error**2))))
     return np.array(errors)
 
@@ -112,16 +117,19 @@ def rises(rubric: str, count: int, seed: int) -> Iterator[str]:
     """Yield a sentence for each drawn pair that gets more points than its first mistake alone."""
     functions, points = FUNCTIONS[rubric], {}
     for a, b in drawn_pairs(rubric, count, seed):
-        both = {**a.formulas, **b.formulas}
-        alone, more = errors_with(functions, a.formulas), errors_with(functions, both)
-        if not np.all(more >= alone * (1.0 - 1e-9)):
+        formulas_of_both = {**a.formulas, **b.formulas}
+        alone, with_second = (
+            errors_with(functions, a.formulas),
+            errors_with(functions, formulas_of_both),
+        )
+        if not np.all(with_second >= alone * (1.0 - 1e-9)):
             continue
-        for formulas in (a.formulas, both):
+        for formulas in (a.formulas, formulas_of_both):
             key = str(formulas)
             points[key] = points.get(key) or points_with(rubric, formulas)
-        if points[str(both)] > points[str(a.formulas)] + ROUNDING:
+        if points[str(formulas_of_both)] > points[str(a.formulas)] + ROUNDING:
             yield (
-                f'{points[str(a.formulas)]:.2f} → {points[str(both)]:.2f}: '
+                f'{points[str(a.formulas)]:.2f} → {points[str(formulas_of_both)]:.2f}: '
                 f'{a.sentence} + {b.sentence}'
             )
 
@@ -138,8 +146,8 @@ def test_no_second_wrong_formula_gives_points(rubric: str) -> None:
 
 
 def test_the_same_mistake_in_one_more_result_gives_no_points() -> None:
-    one = points_with('lab', {'v_ts': '1'})
-    assert points_with('lab', {'v_ts': '1', 'x_ts': '1'}) <= one < 50.0
+    of_one_mistake = points_with('lab', {'v_ts': '1'})
+    assert points_with('lab', {'v_ts': '1', 'x_ts': '1'}) <= of_one_mistake < 50.0
 
 
 #: By lab: the right text, the table of its wrong programs, and what their texts stand for.
@@ -163,8 +171,8 @@ def text_with(rubric: str, *names: str) -> str:
         if old not in text or is_elsewhere:
             return ''
         text = text.replace(old, new)
-    for short, own in long.items():
-        text = text.replace(short, own)
+    for short, replacement in long.items():
+        text = text.replace(short, replacement)
     return text
 
 
@@ -184,10 +192,12 @@ def points_of_text(rubric: str, text: str) -> float:
 def rises_of_texts(rubric: str, pairs: Iterable[tuple[str, str]]) -> Iterator[str]:
     """Yield a sentence for each pair of programs that has more points than one of the two."""
     for a, b in pairs:
-        if both := text_with(rubric, a, b):
-            alone, more = (points_of_text(rubric, t) for t in (text_with(rubric, a), both))
-            if more > alone + ROUNDING:
-                yield f'{alone:.2f} → {more:.2f}: {a} + {b}'
+        if text_with_both := text_with(rubric, a, b):
+            alone, with_second = (
+                points_of_text(rubric, t) for t in (text_with(rubric, a), text_with_both)
+            )
+            if with_second > alone + ROUNDING:
+                yield f'{alone:.2f} → {with_second:.2f}: {a} + {b}'
 
 
 #: Points of a program that stops at once, or does nothing: it is no second mistake.
@@ -208,11 +218,11 @@ MENDS = {
 def pairs_of(rubric: str) -> list[tuple[str, str]]:
     """Return the pairs of mistakes of a table that both can be made; each costs points alone."""
     right, table, _ = TABLES[rubric]
-    most = table['right'].points
+    maximum = table['right'].points
     names = [
         name
         for name, each in table.items()
-        if each.changes and each.changes[0][0] in right and each.points < most
+        if each.changes and each.changes[0][0] in right and each.points < maximum
     ]
     if rubric == 'lane':  # a mistake in the functions alone does not change the drives
         head = len(right.partition('class ')[0])

@@ -44,13 +44,13 @@ def test_check_and_grade_agree_to_the_point(tmp_path: Path) -> None:
     work = WORKS['everything with dt']
     folder = write(tmp_path, work)
     checked = HILLS.judge_folder(folder, LAB.settings)
-    one = report(read_submission(folder), ByHand(), LAB, ProcessLimits())
+    graded = report(read_submission(folder), ByHand(), LAB, ProcessLimits())
 
-    assert [(item.criterion, item.points) for item in one.items] == [
+    assert [(item.criterion, item.points) for item in graded.items] == [
         (finding.criterion, LAB.points_for(finding))
         for finding in checked.findings
         if finding.criterion not in RELAY
     ]
-    assert one.gains == str(checked.gains or '')
-    assert one.tolerated == checked.tolerated
-    assert b'barc_sim_grade_' not in b''.join(one.files.values())
+    assert graded.gains == str(checked.gains or '')
+    assert graded.tolerated == checked.tolerated
+    assert b'barc_sim_grade_' not in b''.join(graded.files.values())

@@ -47,17 +47,17 @@ def test_the_bound_is_that_of_a_right_estimate() -> None:
     errors, ratios = [], []
     for k in range(12):
         car = car_of(f'bound {k}')
-        found = np.array(estimate(times, measured(car, commands), commands))  # type: ignore[operator]
-        errors.append(np.abs(found[::2] - car) <= found[1::2])
-        ratios.append(found[1::2] / car.intervals(commands))
+        estimated = np.array(estimate(times, measured(car, commands), commands))  # type: ignore[operator]
+        errors.append(np.abs(estimated[::2] - car) <= estimated[1::2])
+        ratios.append(estimated[1::2] / car.intervals(commands))
 
     assert np.mean(errors) > 0.85
     assert np.allclose(ratios, 1.0, atol=0.15)
     assert NOISE > 0.0
 
 
-@pytest.mark.parametrize('found', [[1e300] * 6, [-1.0] * 6, [0.0] * 6])
-def test_any_estimate_can_be_drawn(found: list[float]) -> None:
-    drive = evidence_of(car_of(''), [2.0] * 100 + [0.0] * 2900, found)
+@pytest.mark.parametrize('estimate', [[1e300] * 6, [-1.0] * 6, [0.0] * 6])
+def test_any_estimate_can_be_drawn(estimate: list[float]) -> None:
+    drive = evidence_of(car_of(''), [2.0] * 100 + [0.0] * 2900, estimate)
     assert len(drive.figure('any').axes) == 2
     assert len(drive.rows) == 3

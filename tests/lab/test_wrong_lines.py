@@ -134,9 +134,9 @@ def test_no_answer_of_predict_makes_a_constant_program_right(predict: str) -> No
     assert findings_of(text)['mpc.program'].score < 0.1
 
 
-@pytest.mark.parametrize('made', ['[0.0] * 6', '(1.0,) * 6', 'np.ones(6)'])
-def test_a_right_program_is_right_with_any_model(made: str) -> None:
-    text = replaced(TEXT, ('return [1.0, d, 0.0, 1.0, b1, d / L]', f'return {made}'))
+@pytest.mark.parametrize('model', ['[0.0] * 6', '(1.0,) * 6', 'np.ones(6)'])
+def test_a_right_program_is_right_with_any_model(model: str) -> None:
+    text = replaced(TEXT, ('return [1.0, d, 0.0, 1.0, b1, d / L]', f'return {model}'))
     findings = findings_of(text)
     assert findings['mpc.program'].score == 1.0
     assert findings['mpc.model'].score < 0.5
@@ -149,5 +149,5 @@ def findings_of(text: str) -> dict[str, Finding]:
         path = Path(folder, 'raceline.py')
         path.write_text(text, encoding='utf-8')
         code = LocalCode(UserCode({'raceline': path}, is_judged=True))
-        found = RUBRIC.lab.judge(code, replace(RUBRIC.settings, criteria=criteria))
-    return {each.criterion: each for each in found}
+        judged_findings = RUBRIC.lab.judge(code, replace(RUBRIC.settings, criteria=criteria))
+    return {each.criterion: each for each in judged_findings}

@@ -40,8 +40,10 @@ def texts_of(program: Program) -> dict[str, str]:
 
 def judged(texts: dict[str, str]) -> dict[str, Finding]:
     """Return the findings on files, by part, by the rubric `lab`."""
-    found = [judged_file(part, FILES[part], text, LAB.settings)[0] for part, text in texts.items()]
-    return {each.criterion: each for findings in found for each in findings}
+    findings_of_files = [
+        judged_file(part, FILES[part], text, LAB.settings)[0] for part, text in texts.items()
+    ]
+    return {each.criterion: each for findings in findings_of_files for each in findings}
 
 
 def points(findings: dict[str, Finding]) -> float:
@@ -71,11 +73,11 @@ def test_a_wrong_program_gets_its_points_sentence_and_line(name: str) -> None:
 def test_a_multiple_of_the_error_in_place_of_d_makes_no_weak_loop_stronger() -> None:
     weak = replaced(PLAIN_CONTROLLER, ('kp=30, ki=60, kd=0.1', 'kp=2, ki=0.2, kd=0.5'))
     wrong = replaced(weak, ('self.e_before = e\n', 'self.e_before = 0.0\n'))
-    alone, more = (judged({'controller': text}) for text in (weak, wrong))
-    drives = [findings['loop.lab_road'].score for findings in (alone, more)]
+    alone, with_error = (judged({'controller': text}) for text in (weak, wrong))
+    drives = [findings['loop.lab_road'].score for findings in (alone, with_error)]
     assert drives[0] == pytest.approx(drives[1], abs=0.01)
     assert drives[0] < 0.5
-    assert more['pid.derivative'].score == 0.0
+    assert with_error['pid.derivative'].score == 0.0
 
 
 @pytest.mark.parametrize(

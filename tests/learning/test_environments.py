@@ -87,7 +87,7 @@ def test_gymnasium_accepts_each_environment_with_each_option(
 
 
 @pytest.fixture
-def shown(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+def shown_figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     """Return the windows that open, each without a display; none is shown at once."""
     opened: list[Figure] = []
 
@@ -102,11 +102,13 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
 
 
 @pytest.mark.parametrize(('name', 'mode'), [*product(IDS, (None, 'rgb_array')), ('Lane', 'human')])
-def test_gymnasium_accepts_each_render_mode(name: str, mode: str, shown: list[Figure]) -> None:
+def test_gymnasium_accepts_each_render_mode(
+    name: str, mode: str, shown_figures: list[Figure]
+) -> None:
     env = gymnasium.make(IDS[name], render_mode=mode, ts=0.01)
     check_env(env.unwrapped)
     assert env.metadata['render_fps'] == 100
-    assert len(shown) == 1 + (mode == 'human')
+    assert len(shown_figures) == 1 + (mode == 'human')
 
 
 def place_of(frame: Any) -> Any:  # noqa: ANN401 (an array)
@@ -135,10 +137,10 @@ def test_a_picture_shows_where_the_car_is_and_changes_nothing(name: str) -> None
     assert blind.render() is None
 
 
-def test_a_window_shows_each_step_until_it_is_closed(shown: list[Figure]) -> None:
+def test_a_window_shows_each_step_until_it_is_closed(shown_figures: list[Figure]) -> None:
     env = gymnasium.make(IDS['Race'], render_mode='human')
     env.reset(seed=1)
-    (window,) = shown
+    (window,) = shown_figures
     pictures: list[Any] = [window.images[0].get_array()]
     env.step([0.0, 0.0])
     pictures.append(window.images[0].get_array())
@@ -188,11 +190,11 @@ def assert_same(name: str, options: dict[str, Any], cars: int, steps: int) -> in
         np.testing.assert_array_equal(left, right)
     ends = 0
     for action in actions:
-        ours = rows(batch.step(action))
-        theirs = rows(single.step(action))
-        for left, right in zip(ours, theirs, strict=True):
+        of_batch = rows(batch.step(action))
+        of_single = rows(single.step(action))
+        for left, right in zip(of_batch, of_single, strict=True):
             np.testing.assert_array_equal(left, right)
-        ends += int((ours[2] | ours[3]).sum())
+        ends += int((of_batch[2] | of_batch[3]).sum())
     return ends
 
 
@@ -290,6 +292,7 @@ def test_only_whole_laps_are_timed(mode: str) -> None:
     env = gymnasium.make_vec(IDS['Lane'], 2, **kinds)
     beta = np.arcsin(1.5 / 20.0)
     action = np.full((2, 1), np.arctan(2.0 * np.tan(beta)) / 0.5)
+
     for s, laps in ((0.0, 2), (1.0, 1)):
         env.reset(options={'s': s, 'e_y': 0.0, 'e_psi': -beta, 'v': 20.0})
         for _ in range(640):
@@ -454,13 +457,13 @@ def test_the_task_hills_has_no_track() -> None:
 @pytest.mark.parametrize('name', IDS)
 def test_a_pickled_environment_continues_as_the_original(name: str) -> None:
     """Gymnasium's AsyncVectorEnv, and Stable-Baselines3, send them to other processes."""
-    one = gymnasium.make(IDS[name], render_mode='rgb_array', noise=NOISE)
+    original = gymnasium.make(IDS[name], render_mode='rgb_array', noise=NOISE)
     batch = gymnasium.make_vec(IDS[name], 2, vectorization_mode='vector_entry_point', noise=NOISE)
-    for env in (one, batch):
+    for env in (original, batch):
         before = pickle.loads(pickle.dumps(env))  # noqa: S301 (our own)
         before.reset(seed=1)
         env.reset(seed=1)
-        if env is one:
+        if env is original:
             env.render()
         after = pickle.loads(pickle.dumps(env))  # noqa: S301
         action = np.full_like(env.action_space.sample(), 0.1)

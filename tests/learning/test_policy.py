@@ -88,8 +88,8 @@ def test_a_policy_drives_the_nodes_through_the_states_of_its_environment(
 ) -> None:
     (tmp_path / 'policy.py').write_text(TASKS[task], 'utf-8')
     words = [] if task == 'Hills' else ['--track', 'oval', '--dynamics', 'dynamic']
-    done = call('acc', '--policy', 'policy.py', '--engine', engine, *words, *FAST, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    process = call('acc', '--policy', 'policy.py', '--engine', engine, *words, *FAST, cwd=tmp_path)
+    assert process.returncode == 0, process.stderr
     log = read(next((tmp_path / 'bags').iterdir()))
     options = {} if task == 'Hills' else {'track': 'oval', 'dynamics': 'dynamic'}
     assert_as_environment(log, task, **options)
@@ -157,9 +157,9 @@ def test_a_policy_that_cannot_drive_is_refused_in_a_sentence(
     (tmp_path / 'lab' / 'lane.py').write_text(LAB_LANE, 'utf-8')
     (tmp_path / 'empty.py').write_text('', 'utf-8')
     (tmp_path / 'bad.onnx').write_text('none', 'utf-8')
-    done = call('acc', *words.split(), *FAST, cwd=tmp_path)
+    process = call('acc', *words.split(), *FAST, cwd=tmp_path)
 
-    assert done.returncode != 0
-    assert complaint in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
+    assert process.returncode != 0
+    assert complaint in process.stderr
+    assert len(process.stderr.strip().splitlines()) == 1
     assert not (tmp_path / 'bags').exists()

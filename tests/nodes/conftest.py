@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 @pytest.fixture
 def benches(ros: Context, spin_until: Callable[..., None]) -> Iterator[Callable[..., Any]]:
     """Return a function that makes a bench of the class that it is given, gone after the test."""
-    made: list[Any] = []
+    benches_of_test: list[Any] = []
 
     def make(kind: Callable[..., Any], *arguments: Any, **options: Any) -> Any:  # noqa: ANN401
-        made.append(kind(ros, spin_until, *arguments, **options))
-        return made[-1]
+        benches_of_test.append(kind(ros, spin_until, *arguments, **options))
+        return benches_of_test[-1]
 
     yield make
-    for bench in made:
+    for bench in benches_of_test:
         bench.close()

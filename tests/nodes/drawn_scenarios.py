@@ -36,8 +36,8 @@ def drive(of_simulator: Mapping[str, Any], of_controller: Mapping[str, Any]) -> 
     """Return what the sensor measured in each state of a run."""
     states: list[list[float]] = []
 
-    def store(_: float, seen: Observation) -> None:
-        states.append([*seen.measured])
+    def store(_: float, observation: Observation) -> None:
+        states.append([*observation.measured])
 
     controller = CruiseController(parameter_overrides=parameters(of_controller))
     simulator = VehicleSimulator(parameter_overrides=parameters(of_simulator), on_step=store)

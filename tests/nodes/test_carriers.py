@@ -34,15 +34,15 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
 
 def run(program: Path, *arguments: str) -> str:
     """Return what a program prints in a process of its own."""
-    done = subprocess.run(
+    result = subprocess.run(
         [sys.executable, program, *arguments],
         capture_output=True,
         text=True,
         timeout=200,
         check=False,
     )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    assert result.returncode == 0, result.stderr
+    return result.stdout
 
 
 @pytest.fixture(scope='module')

@@ -62,11 +62,11 @@ class Drawn(NamedTuple):
         return Scenario.of_parameters(values, speed_reference=of_run['speed_reference'], **options)
 
 
-def drawn(number: int) -> Drawn:
+def draw(number: int) -> Drawn:
     """Draw a scenario: course, car, actuators, sensor, and laws with their gains."""
     random = np.random.default_rng(number)
 
-    def some(share: float, low: float, high: float) -> float:
+    def sometimes(share: float, low: float, high: float) -> float:
         return float(random.uniform(low, high)) if random.random() < share else 0.0
 
     simulator: dict[str, Any] = {
@@ -78,15 +78,15 @@ def drawn(number: int) -> Drawn:
         'dynamics': str(random.choice(['kinematic', 'dynamic'])),
         'dynamic_above': 3.0,
         'mass': float(random.uniform(1000.0, 2500.0)),
-        'air_drag_coeff': some(0.7, 0.0, 3.0),
-        'friction': some(0.7, 0.0, 300.0),
+        'air_drag_coeff': sometimes(0.7, 0.0, 3.0),
+        'friction': sometimes(0.7, 0.0, 300.0),
         'l_f': float(random.uniform(1.0, 2.0)),
         'l_r': float(random.uniform(1.0, 2.0)),
-        'disturbance': some(0.3, -300.0, 300.0),
-        'motor_delay': some(0.6, 0.0, 0.1),
-        'motor_lag': some(0.4, 0.02, 0.3),
-        'motor_limit': some(0.3, 3.0, 8.0),
-        'sensor_delay': some(0.3, 0.0, 0.1),
+        'disturbance': sometimes(0.3, -300.0, 300.0),
+        'motor_delay': sometimes(0.6, 0.0, 0.1),
+        'motor_lag': sometimes(0.4, 0.02, 0.3),
+        'motor_limit': sometimes(0.3, 3.0, 8.0),
+        'sensor_delay': sometimes(0.3, 0.0, 0.1),
     }
     controller: dict[str, Any] = {
         'controller_type': str(random.choice(['pid', 'lqr'])),
@@ -104,8 +104,8 @@ def drawn(number: int) -> Drawn:
 
     track = str(random.choice(['L', 'oval', 'circle', 'figure-eight']))
     simulator |= {'track': track, 'laps': 1, 'noise_ey': 0.2 * noise, 'noise_epsi': 0.2 * noise}
-    simulator |= {'servo_delay': some(0.6, 0.0, 0.1), 'servo_lag': some(0.7, 0.02, 0.3)}
-    simulator['servo_rate_limit'] = some(0.5, 0.5, 2.0)
+    simulator |= {'servo_delay': sometimes(0.6, 0.0, 0.1), 'servo_lag': sometimes(0.7, 0.02, 0.3)}
+    simulator['servo_rate_limit'] = sometimes(0.5, 0.5, 2.0)
     lane = str(random.choice([*LANE_GAINS]))
     controller |= {'track': track, 'lane_type': lane}
     for name, limits in LANE_GAINS[lane].items():
@@ -120,7 +120,7 @@ def states_of(log: Log) -> list[list[float]]:
 
 def by_nodes(carrier: str, scenarios: list[Drawn], folder: Path) -> list[list[list[float]]]:
     """Return the states of all runs, of nodes on a carrier."""
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, str(PROGRAM), carrier],
         input=json.dumps(scenarios),
         cwd=folder,
@@ -129,14 +129,14 @@ def by_nodes(carrier: str, scenarios: list[Drawn], folder: Path) -> list[list[li
         timeout=60.0 + 5.0 * len(scenarios),
         check=False,
     )
-    assert done.returncode == 0, done.stderr
-    found: list[list[list[float]]] = json.loads(done.stdout)
-    return found
+    assert process.returncode == 0, process.stderr
+    states_of_scenarios: list[list[list[float]]] = json.loads(process.stdout)
+    return states_of_scenarios
 
 
-def by_batch(each: Drawn, log: Log) -> list[list[float]]:
+def by_batch(sample: Drawn, log: Log) -> list[list[float]]:
     """Return s, e_y and the measured speed of the second of two cars with the commands of a run."""
-    scenario = each.scenario
+    scenario = sample.scenario
     options = {name: getattr(scenario, name) for name in OPTIONS}
     actions = log.motor[:, np.newaxis] / 8.0
     start = {'s': 0.0, 'v': 0.0}
@@ -172,13 +172,13 @@ def place_of(info: dict[str, Any]) -> tuple[float, float]:
     'numbers', [range(12), pytest.param(range(12, 200), marks=pytest.mark.slow)], ids=len
 )
 def test_all_parts_give_the_same_states_to_the_last_bit(numbers: range, tmp_path: Path) -> None:
-    scenarios = [drawn(number) for number in numbers]
+    scenarios = [draw(number) for number in numbers]
     logs = [simulate(scenario=each.scenario) for each in scenarios]
     expected = [states_of(log) for log in logs]
     assert sum(len(states) for states in expected) > 100 * len(numbers)
     for carrier in ('local', 'dds'):
-        found = by_nodes(carrier, scenarios, tmp_path)
-        for number, states, other in zip(numbers, expected, found, strict=True):
+        of_nodes = by_nodes(carrier, scenarios, tmp_path)
+        for number, states, other in zip(numbers, expected, of_nodes, strict=True):
             assert other == states, (carrier, number, scenarios[number - numbers.start])
 
 
@@ -186,7 +186,7 @@ def test_all_parts_give_the_same_states_to_the_last_bit(numbers: range, tmp_path
     'numbers', [range(300, 330), pytest.param(range(330, 600), marks=pytest.mark.slow)], ids=len
 )
 def test_a_batch_gives_the_states_and_measurements_of_a_run_to_the_last_bit(numbers: range) -> None:
-    for each in map(drawn, numbers):
+    for each in map(draw, numbers):
         log = simulate(scenario=each.scenario)
         rows = by_batch(each, log)
         assert [speed for *_, speed in rows] == log.v_x.tolist(), each

@@ -45,7 +45,7 @@ def arguments(name: str, folder: Path) -> dict[str, Any]:
     return {'path': folder / 'bag'} if name == 'bag_recorder' else {}
 
 
-def made(name: str, folder: Path, context: Context) -> Iterator[Node]:
+def nodes_of(name: str, folder: Path, context: Context) -> Iterator[Node]:
     """Yield a node in each of its configurations."""
     description = NODES[name]
     node_class = getattr(import_module(description.module), description.class_name)
@@ -74,7 +74,7 @@ def test_a_node_has_the_name_the_topics_and_the_services_of_the_table(
     name: str, ros: Context, tmp_path: Path
 ) -> None:
     published, subscribed, served = {}, {}, {}
-    for node in made(name, tmp_path, ros):
+    for node in nodes_of(name, tmp_path, ros):
         assert node.get_name() == name
         published |= {short(each.topic_name): type_name(each.msg_type) for each in node.publishers}
         subscribed |= {
@@ -97,8 +97,8 @@ def test_a_node_has_the_name_the_topics_and_the_services_of_the_table(
 
 def test_every_topic_and_service_belongs_to_a_node() -> None:
     described = NODES.values()
-    named = {topic for node in described for topic in (*node.publishes, *node.subscribes)}
-    assert named == MESSAGE_TYPES.keys()
+    used_topics = {topic for node in described for topic in (*node.publishes, *node.subscribes)}
+    assert used_topics == MESSAGE_TYPES.keys()
     served = [service for node in described for service in node.serves]
     assert sorted(served) == sorted(SERVICE_TYPES)
     assert {service for node in described for service in node.calls} <= {*served}

@@ -37,8 +37,8 @@ def test_every_state_reaches_the_page_with_its_messages(ros: Context, kind: str,
     law = TYPES[kind]()
     law.output_min, law.output_max = -ACCELERATION_LIMIT, ACCELERATION_LIMIT
     log = closed_loop(controller=law, distance=25.0)
-    driven = overrides(distance=25.0, realtime_factor=10.0)
-    simulator = VehicleSimulator(context=ros, parameter_overrides=driven)
+    parameters = overrides(distance=25.0, realtime_factor=10.0)
+    simulator = VehicleSimulator(context=ros, parameter_overrides=parameters)
     controller = CruiseController(context=ros, parameter_overrides=overrides(controller_type=kind))
     view = ViewNode(context=ros, run=RunFacts(lambda: simulator.values, controller.control))
     received: list[dict[str, float]] = []
@@ -55,11 +55,11 @@ def test_every_state_reaches_the_page_with_its_messages(ros: Context, kind: str,
     np.testing.assert_allclose(np.diff(table['t']), 0.02)
     np.testing.assert_array_equal(table['theta_deg'][1:], 10.0 * (table['x'][1:] >= 20.0))
 
-    shown = np.isfinite(table['motor']) & np.isfinite(sum(table[term] for term in law.terms))
-    assert shown[-1]
+    is_known = np.isfinite(table['motor']) & np.isfinite(sum(table[term] for term in law.terms))
+    assert is_known[-1]
 
-    total = sum(table[term][shown] for term in law.terms)
-    motor = table['motor'][shown]
+    total = sum(table[term][is_known] for term in law.terms)
+    motor = table['motor'][is_known]
     differ = np.flatnonzero(~np.isclose(np.clip(total, -8.0, 8.0), motor))
     # On a busy machine one of a state's two messages can arrive after its row has been sent: then
     # the row has the one of the state before.
@@ -69,15 +69,15 @@ def test_every_state_reaches_the_page_with_its_messages(ros: Context, kind: str,
 
 
 def test_the_page_has_the_missed_deadlines_of_the_simulator_to_the_end(ros: Context) -> None:
-    driven = overrides(realtime_factor=50.0, wait_for_controller=False)
-    simulator = VehicleSimulator(context=ros, parameter_overrides=driven)
+    parameters = overrides(realtime_factor=50.0, wait_for_controller=False)
+    simulator = VehicleSimulator(context=ros, parameter_overrides=parameters)
     stepper = simulator.stepper
     run = RunFacts(lambda: simulator.values, status=lambda: Status(stepper.missed, stepper.paused))
     view = ViewNode(context=ros, run=run)
     with spinning(ros, view, simulator), connect_page(view.url) as socket:
-        wait(socket, lambda each: bool(each.get('missed')))
-        seen = stepper.missed
-        wait_for(lambda: stepper.missed > seen)  # perhaps after the last status
+        wait(socket, lambda received: bool(received.get('missed')))
+        count = stepper.missed
+        wait_for(lambda: stepper.missed > count)  # perhaps after the last status
         stepper.pause(on=True)
         view.page.end('The run has ended.')
         missed = []
@@ -101,12 +101,12 @@ def test_the_planned_path_of_the_steering_reaches_the_page(ros: Context) -> None
     with spinning(ros, view, peer), connect_page(view.url) as socket:
         wait_for(plans.get_subscription_count)
         plans.publish(Path(poses=[PoseStamped(pose=pose)]))
-        assert wait(socket, lambda each: bool(each.get('plan')))['plan'] == [[1.235, -2.0]]
+        assert wait(socket, lambda message: bool(message.get('plan')))['plan'] == [[1.235, -2.0]]
 
 
 def test_a_view_alone_takes_its_mode_and_address_as_parameters(ros: Context) -> None:
-    given = overrides(mode='teleop', host='127.0.0.2')
-    view = ViewNode(context=ros, parameter_overrides=given)
+    parameters = overrides(mode='teleop', host='127.0.0.2')
+    view = ViewNode(context=ros, parameter_overrides=parameters)
     with spinning(ros, view), connect_page(view.url) as socket:
         assert view.url.startswith('http://127.0.0.2:')
         assert wait(socket, 'hello')['mode'] == 'teleop'
@@ -118,9 +118,11 @@ def test_a_parameter_set_by_the_page_or_by_others_is_shown_in_a_namespace(ros: C
     controller = CruiseController(context=ros, namespace='car2')
     run = RunFacts(control=controller.control)
     view = ViewNode(context=ros, namespace='car2', run=run)
+
     with spinning(ros, view, controller), connect_page(view.url) as socket:
         wait(socket, 'hello')
         controller.set_parameters(overrides(kd=0.5))  # as `barc param set` does
         assert wait(socket, 'facts')['tuning']['kd'] == 0.5
+
         socket.send(encode('tune', name='kp', value=2.0))
-        assert wait(socket, lambda each: each.get('tuning', {}).get('kp') == 2.0)
+        assert wait(socket, lambda message: message.get('tuning', {}).get('kp') == 2.0)

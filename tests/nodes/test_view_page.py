@@ -240,7 +240,7 @@ def test_nothing_is_cut_at_any_size_or_on_paper_and_all_works_by_keyboard(
             cut[width, height] += tab.overflow()
         assert tab.without_keyboard() == []
 
-    assert {size: found for size, found in cut.items() if found} == {}
+    assert {size: names for size, names in cut.items() if names} == {}
 
 
 def test_keys_drive_the_car_that_is_shown_while_they_are_held(teleop: Teleop, open_: Open) -> None:
@@ -323,12 +323,12 @@ def test_the_goals_clock_starts_when_it_is_switched_on(teleop: Teleop, open_: Op
     tab.click('#goal')
     car.paused = False
     wait_until(lambda: tab.number('#goal-time') > 0.2)
-    driven = pytest.approx(pause() - on, abs=0.051)
-    wait_until(lambda: tab.number('#goal-time') == driven)
+    duration = pytest.approx(pause() - on, abs=0.051)
+    wait_until(lambda: tab.number('#goal-time') == duration)
     tab.select('#seek', 0.5 * on, 'input')  # before it was on, nothing counts
     wait_until(lambda: tab.text('#goal-time') == '0.0')
     tab.click('#play')
-    wait_until(lambda: tab.number('#goal-time') == driven)
+    wait_until(lambda: tab.number('#goal-time') == duration)
 
 
 def test_sliders_work_by_keyboard_and_arrows_do_not_drive(acc: Acc, open_: Open) -> None:
@@ -360,11 +360,11 @@ def test_sliders_work_by_keyboard_and_arrows_do_not_drive(acc: Acc, open_: Open)
 
 def is_shown(tab: Tab, node: Node, name: str, value: float) -> bool:
     """Return whether slider, number and node have a value, and can be used."""
-    shown = tab.run(
+    values = tab.run(
         f"['{name}-slider', '{name}'].map((id) => document.getElementById(id))"
         '.map((e) => e.disabled || e.valueAsNumber)'
     )
-    return [*shown, node.get_parameter(name).value] == [value] * 3
+    return [*values, node.get_parameter(name).value] == [value] * 3
 
 
 def slid(tab: Tab) -> float:
@@ -582,11 +582,11 @@ def test_the_page_shows_the_forces_and_terms_of_the_messages(acc: Acc, open_: Op
     wait_until(lambda: tab.number('#force-gravity') == round(gravity))
     assert (tab.number('#force-drag'), tab.number('#force-friction')) == (-1.5, -0.25)
 
-    shown = tab.run(
+    texts = tab.run(
         "['#force-motor', '#term-motor', '#term-proportional', '#term-integral', "
         "'#term-derivative'].map((id) => document.querySelector(id).textContent)"
     )
-    force, command, *terms = (float(text.replace('\N{MINUS SIGN}', '-')) for text in shown)
+    force, command, *terms = (float(text.replace('\N{MINUS SIGN}', '-')) for text in texts)
     assert force == pytest.approx(Vehicle().mass * command, rel=0.01)
     assert command == pytest.approx(sum(terms), abs=0.002)
 
@@ -602,16 +602,16 @@ def test_a_stalled_run_is_shown_with_its_seconds_and_few_announcements(
     wait_until(lambda: time.monotonic() > began + 1.0)  # readings change all the time
     car.hangs = True
     stalled = time.monotonic()
-    shown = 0
+    seconds = 0
 
     def is_counted() -> bool:
-        nonlocal shown
-        found = re.fullmatch(r'No data for (\d+) s', tab.text('#state'))
-        shown = int(found[1]) if found else 0
-        return shown >= 2
+        nonlocal seconds
+        match = re.fullmatch(r'No data for (\d+) s', tab.text('#state'))
+        seconds = int(match[1]) if match else 0
+        return seconds >= 2
 
     wait_until(is_counted)
-    assert shown <= time.monotonic() - stalled + 0.1
+    assert seconds <= time.monotonic() - stalled + 0.1
     changes = tab.run('Object.values(announced)')
     assert all(count <= time.monotonic() - began for count in changes)
     car.hangs = False
@@ -649,15 +649,15 @@ def test_an_earlier_state_is_shown_beside_the_laps_of_its_time(acc: Acc, open_: 
     car.paused = True
     wait_until(lambda: tab.text('#state') == 'Paused')
 
-    def rms(each: Lap) -> str:
-        return f'{each.summary.rms_error_after_run_up:.3f}'
+    def rms(lap: Lap) -> str:
+        return f'{lap.summary.rms_error_after_run_up:.3f}'
 
     cells = "Array.from(document.querySelectorAll('[data-figure=rms] td'), (c) => c.textContent)"
     first, second, third = [*laps][-3:]
     for each, before in ((third, second), (second, first)):
         tab.select('#seek', 0.5 * (each.start + each.end), 'input')
-        shown = [rms(each), rms(before)]
-        wait_until(lambda shown=shown: tab.run(cells)[:2] == shown)
+        texts = [rms(each), rms(before)]
+        wait_until(lambda texts=texts: tab.run(cells)[:2] == texts)
     gains = tab.text('#lap-gains')
     assert 'kp 20, ' in gains.partition('this lap: ')[2]
     assert 'kp 10, ' not in gains.partition('this lap: ')[2]
@@ -670,8 +670,8 @@ def test_the_parameters_of_an_earlier_state_are_those_of_its_time(
     teleop: Teleop, open_: Open
 ) -> None:
     tab = open_(teleop[0].url)
-    found = tab.run_file(PROGRAMS / 'settings_over_time.js')
-    assert found == [None, [0, 6, 6, 7, 7], 8, 6]
+    limits = tab.run_file(PROGRAMS / 'settings_over_time.js')
+    assert limits == [None, [0, 6, 6, 7, 7], 8, 6]
 
 
 HEADINGS = {0.3: 0, -179.7: 180, 179.7: 180, -179.4: -179, 359.6: 0, 540.0: 180, -90.0: -90}
@@ -680,9 +680,9 @@ HEADINGS = {0.3: 0, -179.7: 180, 179.7: 180, -179.4: -179, 359.6: 0, 540.0: 180,
 def test_a_heading_is_shown_between_minus_179_and_180_degrees(teleop: Teleop, open_: Open) -> None:
     view, car = teleop
     tab = open_(view.url)
-    for degrees, shown in HEADINGS.items():
+    for degrees, reading in HEADINGS.items():
         car.state = BicycleState(psi=math.radians(degrees))
-        wait_until(lambda shown=shown: tab.number('#heading') == shown, f'heading {degrees}')
+        wait_until(lambda reading=reading: tab.number('#heading') == reading, f'heading {degrees}')
 
 
 def test_buttons_pause_and_reset_the_run(teleop: Teleop, open_: Open) -> None:
@@ -765,21 +765,21 @@ def either(ros: Context, request: pytest.FixtureRequest) -> Iterator[ViewNode]:
 def test_axe_finds_no_violation_of_accessibility(either: ViewNode, open_: Open) -> None:
     tab = open_(either.url, width=1440, height=900)
 
-    def found() -> list[str]:
+    def violations_in_all_themes() -> list[str]:
         kinds = []
         for dark in (True, False):
             tab.dark(on=dark)
             kinds += tab.violations(AXE)
         return kinds
 
-    assert found() == []
+    assert violations_in_all_themes() == []
 
     tab.resize(360, 760, touch=True)
-    assert found() == []
+    assert violations_in_all_themes() == []
 
     either.page.end('The run has ended.', bag='bags/run 1')
     tab.until("!document.querySelector('#end-card').hidden")
-    assert found() == []
+    assert violations_in_all_themes() == []
 
     tab.media(forced_colors='active')
     assert tab.violations(AXE) == []
@@ -789,11 +789,11 @@ def test_axe_finds_no_violation_of_accessibility(either: ViewNode, open_: Open) 
 
 
 def test_the_page_shows_the_laps_of_a_track_as_the_log_has_them(ros: Context, open_: Open) -> None:
-    driven = {'track': 'circle', 'laps': 3, 'realtime_factor': 20.0}
+    parameters = {'track': 'circle', 'laps': 3, 'realtime_factor': 20.0}
     controller = CruiseController(
         context=ros, parameter_overrides=overrides(track='circle', speed_reference=10.0)
     )
-    simulator = VehicleSimulator(context=ros, parameter_overrides=overrides(**driven))
+    simulator = VehicleSimulator(context=ros, parameter_overrides=overrides(**parameters))
     run = RunFacts(lambda: simulator.values, controller.control, track=simulator.track)
     view = ViewNode(context=ros, run=run)
     with spinning(ros, view, simulator, controller):
@@ -824,9 +824,9 @@ def test_the_page_shows_the_laps_of_a_track_as_the_log_has_them(ros: Context, op
         legend = tab.text('#command-legend').replace('\N{MINUS SIGN}', '-').split()
         assert legend[::2] == ['e_psi', 'steering']
 
-        shown = [float(value) for value in legend[1::2]]
+        numbers = [float(value) for value in legend[1::2]]
         expected = [math.degrees(each[-1]) for each in (log.e_psi, log.servo)]
-        assert shown == pytest.approx(expected, abs=6e-4)
+        assert numbers == pytest.approx(expected, abs=6e-4)
 
         seconds = time.monotonic() - began
         assert all(count <= seconds + 1.0 for count in tab.run('Object.values(announced)'))

@@ -64,11 +64,11 @@ def _refuse(event: str, arguments: tuple[Any, ...]) -> None:
 
 
 def _open_files() -> set[str]:
-    found = set()
+    files = set()
     for link in pathlib.Path('/proc/self/fd').iterdir():
         with suppress(OSError):
-            found.add(str(link.readlink()))
-    return found
+            files.add(str(link.readlink()))
+    return files
 
 
 # With -X warn_default_encoding: the encoding of a text file must not be the system's.

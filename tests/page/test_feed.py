@@ -26,9 +26,9 @@ def message(stamp: int, **fields: float) -> Any:  # noqa: ANN401 (of no type of 
     return SimpleNamespace(header=header, **fields)
 
 
-def add(feed: Feed, *states: Any, **others: Any) -> Any:  # noqa: ANN401
+def add(feed: Feed, *states: Any, **messages_by_topic: Any) -> Any:  # noqa: ANN401
     """Return the columns of the rows of `states`, by name."""
-    for topic, messages in others.items():
+    for topic, messages in messages_by_topic.items():
         for each in messages:
             feed.take(topic, each)
     for state in states:
@@ -51,34 +51,34 @@ def test_values_without_a_message_are_nan_and_the_measurement_counts_as_true() -
 def test_a_sample_goes_with_the_state_of_its_stamp_and_holds_until_the_next() -> None:
     states = [message(k * STEP, **AT_REST) for k in range(4)]
     commands = [message(k * STEP, motor=1.0 * k, servo=0.1 * k) for k in (1, 3)]
-    found = add(Feed(), *states, ecu=commands)
-    np.testing.assert_array_equal(found['motor'], [np.nan, 1.0, 1.0, 3.0])
-    np.testing.assert_allclose(found['servo'], [np.nan, 0.1, 0.1, 0.3])
+    rows = add(Feed(), *states, ecu=commands)
+    np.testing.assert_array_equal(rows['motor'], [np.nan, 1.0, 1.0, 3.0])
+    np.testing.assert_allclose(rows['servo'], [np.nan, 0.1, 0.1, 0.3])
 
 
 def test_a_sample_that_comes_before_its_state_waits_for_it() -> None:
     feed = Feed()
     slope = message(STEP, theta=10.0, elevation=2.0, friction=-1.0, drag=-2.0, gravity=-3.0)
     add(feed, environment=[slope])
-    found = add(feed, message(0, **AT_REST), message(STEP, **AT_REST))
-    np.testing.assert_array_equal(found['theta_deg'], [np.nan, 10.0])
-    np.testing.assert_array_equal(found['gravity'], [np.nan, -3.0])
+    rows = add(feed, message(0, **AT_REST), message(STEP, **AT_REST))
+    np.testing.assert_array_equal(rows['theta_deg'], [np.nan, 10.0])
+    np.testing.assert_array_equal(rows['gravity'], [np.nan, -3.0])
 
 
 def test_a_command_without_a_stamp_holds_from_its_arrival() -> None:
-    found = add(Feed(), message(5 * STEP, **AT_REST), ecu=[message(0, motor=2.0, servo=0.0)])
-    assert found['motor'] == 2.0
+    rows = add(Feed(), message(5 * STEP, **AT_REST), ecu=[message(0, motor=2.0, servo=0.0)])
+    assert rows['motor'] == 2.0
 
 
 def test_the_truth_is_shown_where_the_error_is_known() -> None:
     error = message(1, s=0.3, ey=0.4, epsi=0.0, v_x=0.5, v_y=0.25)
     state = message(1, x=10.0, y=0.0, psi=np.pi / 2, v_x=6.0, v_y=12.25)
-    found = add(Feed(), state, ez_vhcl=[error])
-    assert found['x'] == pytest.approx(10.4)
-    assert found['y'] == pytest.approx(-0.3)
-    assert found['speed'] == 5.5
-    assert found['measured_speed'] == 6.0
-    assert found['absolute_speed'] == pytest.approx(np.hypot(5.5, 12.0))
+    rows = add(Feed(), state, ez_vhcl=[error])
+    assert rows['x'] == pytest.approx(10.4)
+    assert rows['y'] == pytest.approx(-0.3)
+    assert rows['speed'] == 5.5
+    assert rows['measured_speed'] == 6.0
+    assert rows['absolute_speed'] == pytest.approx(np.hypot(5.5, 12.0))
 
 
 def test_a_page_that_opens_late_gets_the_last_minute() -> None:
@@ -108,9 +108,9 @@ def test_a_recorded_run_has_the_terms_of_a_users_controller() -> None:
 
 def test_a_recorded_run_has_the_values_of_its_log() -> None:
     log = closed_loop()
-    found = table(rows_of(log))
-    np.testing.assert_array_equal(found['t'], log.t)
-    np.testing.assert_array_equal(found['x'], log.distance)
-    np.testing.assert_array_equal(found['speed'], log.speed)
+    columns = table(rows_of(log))
+    np.testing.assert_array_equal(columns['t'], log.t)
+    np.testing.assert_array_equal(columns['x'], log.distance)
+    np.testing.assert_array_equal(columns['speed'], log.speed)
     for name in ('theta_deg', 'gravity', 'motor', 'reference', 'integral', 'saturated'):
-        np.testing.assert_array_equal(found[name], getattr(log, name))
+        np.testing.assert_array_equal(columns[name], getattr(log, name))

@@ -85,9 +85,9 @@ MALFORMED = [
     ],
 )
 def test_each_request_of_the_page_is_decoded(message: str, request_: object) -> None:
-    found = parse(message)
-    assert found == request_
-    assert type(found) is type(request_)
+    request = parse(message)
+    assert request == request_
+    assert type(request) is type(request_)
 
 
 @pytest.mark.parametrize('message', MALFORMED, ids=lambda message: repr(message)[:40])
@@ -112,18 +112,19 @@ _JSON = st.recursive(
 @given(_JSON.map(json.dumps) | st.text() | st.binary())
 def test_any_message_is_a_request_within_limits_or_refused(message: str | bytes) -> None:
     try:
-        found = parse(message)
+        request = parse(message)
     except RequestError:
         return
-    if isinstance(found, DriverInput):
-        assert all(-1.0 <= share <= 1.0 for share in found)
-    elif isinstance(found, Tune):
-        assert math.isfinite(found.value)
+
+    if isinstance(request, DriverInput):
+        assert all(-1.0 <= share <= 1.0 for share in request)
+    elif isinstance(request, Tune):
+        assert math.isfinite(request.value)
     else:
-        assert isinstance(found, (Press, Pause))
+        assert isinstance(request, (Press, Pause))
 
 
-def driven(law: object, lane: object = None, track: Track | None = None) -> RunFacts:
+def run_of(law: object, lane: object = None, track: Track | None = None) -> RunFacts:
     """Return the facts of a run with these laws, and 0.1 s of delay."""
 
     def declare(parameters: list[ParameterDeclaration]) -> dict[str, Any]:
@@ -138,16 +139,16 @@ def driven(law: object, lane: object = None, track: Track | None = None) -> RunF
 
 
 def test_road_and_car_are_among_the_facts() -> None:
-    found = facts('acc', driven(PID()))
-    assert found['road']['starts'][:3] == [0.0, 20.0, 40.0]
-    assert found['axles'] == [-1.75, 1.25]
+    page_facts = facts('acc', run_of(PID()))
+    assert page_facts['road']['starts'][:3] == [0.0, 20.0, 40.0]
+    assert page_facts['axles'] == [-1.75, 1.25]
 
 
 def test_sliders_and_terms_follow_from_the_controllers_declaration() -> None:
-    found = facts('acc', driven(LQR(observer_gain=0.5)))
-    assert found['terms'] == ['feedback', 'compensation']
-    assert [*found['sliders']] == [*LQR.gains, *OTHERS, *CAR]
-    assert found['sliders']['observer_gain'] == {
+    page_facts = facts('acc', run_of(LQR(observer_gain=0.5)))
+    assert page_facts['terms'] == ['feedback', 'compensation']
+    assert [*page_facts['sliders']] == [*LQR.gains, *OTHERS, *CAR]
+    assert page_facts['sliders']['observer_gain'] == {
         'label': 'Gain of the disturbance observer, observer_gain',
         'short': 'observer gain',
         'unit': '',
@@ -156,13 +157,13 @@ def test_sliders_and_terms_follow_from_the_controllers_declaration() -> None:
         'expected': 'a number from 0 to 1',
         'node': 'controller',
     }
-    assert facts('acc', driven(PID()))['sliders']['kp']['label'] == 'Proportional gain, kp [1/s]'
-    assert found['sliders']['motor_limit']['label'] == 'Limit of the motor, 0: none [m/s²]'
-    assert found['sliders']['speed_reference']['unit'] == 'm/s'
+    assert facts('acc', run_of(PID()))['sliders']['kp']['label'] == 'Proportional gain, kp [1/s]'
+    assert page_facts['sliders']['motor_limit']['label'] == 'Limit of the motor, 0: none [m/s²]'
+    assert page_facts['sliders']['speed_reference']['unit'] == 'm/s'
 
     values = {'observer_gain': 0.5, 'acceleration_limit': 8.0, 'motor_delay': 0.1}
-    assert values.items() <= found['tuning'].items()
-    assert found['controller_type'] == 'lqr'
+    assert values.items() <= page_facts['tuning'].items()
+    assert page_facts['controller_type'] == 'lqr'
 
 
 @pytest.mark.parametrize(
@@ -180,7 +181,7 @@ def test_sliders_and_terms_follow_from_the_controllers_declaration() -> None:
 def test_a_slider_refuses_a_value_with_the_sentence_of_python(
     name: str, value: float, argument: str
 ) -> None:
-    run = driven(PID())
+    run = run_of(PID())
     run = run._replace(simulator=lambda: {'distance': 180.0})
     with pytest.raises(UserError) as refusal:
         run.check(name, value)
@@ -190,7 +191,7 @@ def test_a_slider_refuses_a_value_with_the_sentence_of_python(
 
 
 def test_a_slider_takes_its_limits_and_a_car_without_an_end_goes_backwards() -> None:
-    run = driven(PID())
+    run = run_of(PID())
     for name, (low, high) in ((name, run.limits(name)) for name in run.sliders):
         run.check(name, low)
         run.check(name, high)
@@ -198,7 +199,7 @@ def test_a_slider_takes_its_limits_and_a_car_without_an_end_goes_backwards() -> 
     ahead = run._replace(simulator=lambda: {'distance': 180.0})
     assert ahead.limits('speed_reference') == (0.0, 100.0)
 
-    lap = driven(PID(), LaneLQR(), Track.named('L'))
+    lap = run_of(PID(), LaneLQR(), Track.named('L'))
     lap.check('speed_reference', -5.0)
     lap = lap._replace(simulator=lambda: {'laps': 3})
     with pytest.raises(UserError, match='leads away from the distance'):
@@ -208,19 +209,19 @@ def test_a_slider_takes_its_limits_and_a_car_without_an_end_goes_backwards() -> 
 
 
 @pytest.mark.parametrize(
-    'run', [driven(PID()), driven(LQR()), driven(PID(), LaneLQR(), Track.named('L'))]
+    'run', [run_of(PID()), run_of(LQR()), run_of(PID(), LaneLQR(), Track.named('L'))]
 )
 def test_defaults_and_presets_are_within_the_limits(run: RunFacts) -> None:
-    found = facts('acc', run)
-    for values in (found['tuning'], *found['presets'].values()):
+    page_facts = facts('acc', run)
+    for values in (page_facts['tuning'], *page_facts['presets'].values()):
         for name, value in values.items():
             run.check(name, value)
 
 
 def test_presets_set_known_parameters_and_the_windup_alone_has_a_limit_of_the_motor() -> None:
-    found = facts('acc', RunFacts())
-    presets = found['presets']
-    assert {name for values in presets.values() for name in values} <= found['sliders'].keys()
+    page_facts = facts('acc', RunFacts())
+    presets = page_facts['presets']
+    assert {name for values in presets.values() for name in values} <= page_facts['sliders'].keys()
     assert [name for name, values in presets.items() if values['motor_limit']] == ['Windup']
 
     windup = presets['Windup']
@@ -236,12 +237,12 @@ def test_presets_set_known_parameters_and_the_windup_alone_has_a_limit_of_the_mo
 
 
 def test_the_sliders_can_halve_the_error_of_the_default_gains_as_the_page_claims() -> None:
-    found = facts('acc', RunFacts())
+    page_facts = facts('acc', RunFacts())
     error = summary(simulate()).rms_error_after_run_up
     page = (resources.files('barc_sim.page') / 'web' / 'tuning.js').read_text('utf-8')
     assert f'{error:.3f} m/s: kp and ki can halve it' in page
     better = {'kp': 70.0, 'ki': 400.0, 'kd': 0.0}
-    assert all(value <= found['sliders'][name]['max'] for name, value in better.items())
+    assert all(value <= page_facts['sliders'][name]['max'] for name, value in better.items())
     assert summary(simulate(**better)).rms_error_after_run_up < 0.5 * error
 
 
@@ -256,8 +257,8 @@ def test_a_drive_of_commands_alone_has_no_sliders() -> None:
         def command(self, situation: Situation) -> Command:
             return Command(situation.t, 0.0)
 
-    found = facts('acc', driven(Commands()))
-    assert (found['sliders'], found['tuning'], found['presets']) == ({}, {}, {})
+    page_facts = facts('acc', run_of(Commands()))
+    assert (page_facts['sliders'], page_facts['tuning'], page_facts['presets']) == ({}, {}, {})
 
 
 class OwnLane:
@@ -278,11 +279,11 @@ class OwnLane:
 def test_on_a_track_the_sliders_are_those_of_the_steering(
     law: object, gains: list[str], name: str
 ) -> None:
-    found = facts('acc', driven(PID(), law, Track.named('L')))
-    assert [*found['sliders']] == [*(f'lane.{gain}' for gain in gains), 'speed_reference']
-    assert found['tuning'].keys() == found['sliders'].keys()
-    assert (found['mode'], found['run']['lane']) == ('track', name)
-    assert found['sliders'][f'lane.{gains[0]}']['short'] == gains[0]
+    page_facts = facts('acc', run_of(PID(), law, Track.named('L')))
+    assert [*page_facts['sliders']] == [*(f'lane.{gain}' for gain in gains), 'speed_reference']
+    assert page_facts['tuning'].keys() == page_facts['sliders'].keys()
+    assert (page_facts['mode'], page_facts['run']['lane']) == ('track', name)
+    assert page_facts['sliders'][f'lane.{gains[0]}']['short'] == gains[0]
 
 
 def test_the_command_to_copy_has_the_users_code() -> None:

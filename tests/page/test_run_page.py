@@ -123,7 +123,7 @@ def test_the_command_replay_serves_one_run_or_two(
 ) -> None:
     served: list[object] = []
     monkeypatch.setattr(bag, 'read', lambda *_: log)
-    monkeypatch.setattr(run_page, 'serve', lambda *given: served.extend(given))
+    monkeypatch.setattr(run_page, 'serve', lambda *arguments: served.extend(arguments))
     assert barc(['replay', str(tmp_path), '--view-port', '8080']) == 0
     assert served == [log, tmp_path.name, '127.0.0.1', 8080, None]
 
@@ -140,11 +140,13 @@ def test_browser_follows_the_private_file_to_the_page(log: Log, browser: Browser
     server.start()
     with closing(server):
         file = RedirectFile(server.url)
+
         tab = browser.open('about:blank')
         tab.ask('Page.navigate', url=file.address)
         tab.until(f'location.href === {server.url!r}')
         wait_until(lambda: tab.number('#time') > 0.2)
         assert tab.problems == []
+
         tab.close()
         file.remove()
 
@@ -225,11 +227,13 @@ def test_the_grades_are_written_below_the_lines_of_a_chart(log: Log, played: Pla
 def test_the_arrow_shows_the_force_of_the_plant(played: Played) -> None:
     plant = Plant(motor=Actuator(limit=6.0, delay=0.1))
     log = closed_loop(plant, PID(4.0, 8.0, 0.0, output_min=-100.0, output_max=100.0))
+
     with played(log) as tab:
         tab.click('#play')
         for row in (20, 60, 300, *range(700, 1000, 50)):
             _seek(tab, log.t[row])
             tab.until(f"document.querySelector('#time').textContent === '{log.t[row]:.1f}'")
+
             acted = min(max(log.motor[row - 5], -6.0), 6.0)  # 0.1 s before, within the limit
             force = pytest.approx(Vehicle().mass * acted, rel=0.01, abs=1.0)
             wait_until(lambda force=force: tab.number('#force-motor') == force)
@@ -240,8 +244,8 @@ def test_a_second_run_is_drawn_beside_the_first(log: Log, played: Played) -> Non
     weak = closed_loop(controller=PID(4.0, 0.0, 0.0, output_min=-8.0, output_max=8.0))
     with played(weak, log, width=1440, height=900) as tab:
         cells = "Array.from(document.querySelectorAll('[data-figure=rms] td'), (c) => c.innerText)"
-        shown = [f'{metrics.summary(run).rms_error_after_run_up:.3f}' for run in (weak, log)]
-        assert tab.run(cells)[:2] == shown
+        texts = [f'{metrics.summary(run).rms_error_after_run_up:.3f}' for run in (weak, log)]
+        assert tab.run(cells)[:2] == texts
         assert tab.text('.laps.acc thead').strip().split('\t')[1:] == ['this run', 'other run']
 
         tab.click('#play')
@@ -259,13 +263,13 @@ _SCALE = re.compile(rb'(-?[\d.]+) 0 0 (-?[\d.]+) -?[\d.]+ -?[\d.]+ cm')
 
 def scales(pdf: bytes) -> list[float]:
     """Return by how much each thing in a PDF is scaled to the right, per scale downwards."""
-    found = []
+    ratios = []
     for header, data in _STREAM.findall(pdf):
         if b'/FlateDecode' in header and b'/FontFile' not in header:
             with suppress(zlib.error):
                 for along, down in _SCALE.findall(zlib.decompress(data)):
-                    found.append(abs(float(along) / float(down)))
-    return found
+                    ratios.append(abs(float(along) / float(down)))
+    return ratios
 
 
 @in_browser
@@ -275,9 +279,9 @@ def test_a_print_keeps_the_shapes_and_the_chosen_colours(log: Log, played: Playe
         tab.click('#theme')
         wait_until(lambda: tab.text('#theme') == 'Light')
         pdf = base64.b64decode(tab.ask('Page.printToPDF')['data'])
-        found = scales(pdf)
-        assert len(found) >= 4  # the canvases, at least
-        assert found == pytest.approx([1.0] * len(found), rel=0.01)
+        ratios = scales(pdf)
+        assert len(ratios) >= 4  # the canvases, at least
+        assert ratios == pytest.approx([1.0] * len(ratios), rel=0.01)
         assert tab.text('#theme') == 'Light'
 
         box = "document.querySelector('#speed-chart').getBoundingClientRect()"
@@ -330,11 +334,13 @@ def test_a_finger_moves_the_chart(log: Log, played: Played) -> None:
         _seek(tab, 20.0)
         tab.select('#axis', 't')
         wait_until(lambda: tab.number('#time') == 20.0)
+
         x, y = tab.middle('#speed-chart')
         tab.touch('touchStart', (x, y))
         for by in range(5, 105, 5):
             tab.touch('touchMove', (x + by, y))
         tab.touch('touchEnd')
+
         wait_until(lambda: 10.0 < tab.number('#time') < 19.0)
 
 
@@ -365,8 +371,8 @@ def test_a_track_has_its_errors_and_the_best_lap_as_a_ghost(played: Played) -> N
         tab.click('#play')
         tab.run_file(PROGRAMS / 'note_cars.js')
         _seek(tab, log.t[row])
-        shown = pytest.approx(log.e_y[row], abs=6e-4)
-        wait_until(lambda: tab.number('#e-y') == shown)
+        error = pytest.approx(log.e_y[row], abs=6e-4)
+        wait_until(lambda: tab.number('#e-y') == error)
         wait_until(lambda: tab.number('#lap-time') == pytest.approx(log.lap_time[row], abs=0.051))
         car, ghost = tab.run('[cars[1], cars[Object.keys(cars).find((k) => k < 0.5)]]')
         then = laps.best.start + log.lap_time[row]
@@ -434,12 +440,12 @@ def test_one_page_drives_and_the_car_brakes_without_its_driver(
     steps: list[tuple[str, DriverInput | str, float, bool]],
 ) -> None:
     drivers = DriverArbiter()
-    for who, what, t, expected in steps:
-        if isinstance(what, DriverInput):
-            found = drivers.accepts(who, what, t)
+    for page, request, t, expected in steps:
+        if isinstance(request, DriverInput):
+            answer = drivers.accepts(page, request, t)
         else:
-            found = drivers.times_out(t) if who == 'time' else drivers.leave(who)
-        assert found == expected, t
+            answer = drivers.times_out(t) if page == 'time' else drivers.leave(page)
+        assert answer == expected, t
 
 
 @given(

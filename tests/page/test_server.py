@@ -109,8 +109,8 @@ def test_page_is_served_on_this_machine_with_a_strict_content_policy(server: Vie
 
 def test_the_server_starts_without_importing_matplotlib() -> None:
     program = 'import sys, barc_sim.page.run_page; print("matplotlib" in sys.modules)'
-    done = subprocess.run([sys.executable, '-c', program], capture_output=True, check=True)
-    assert done.stdout.strip() == b'False'
+    process = subprocess.run([sys.executable, '-c', program], capture_output=True, check=True)
+    assert process.stdout.strip() == b'False'
 
 
 @pytest.mark.parametrize(
@@ -206,7 +206,7 @@ def browser_stub(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     words = shlex.join([sys.executable, str(PROGRAMS / 'stub_browser.py')])
     program.write_text(f'#!/bin/sh\nexec {words} "$@"\n')
     program.chmod(0o755)
-    seen = tmp_path / 'seen.json'
+    facts = tmp_path / 'seen.json'
     home = tmp_path / 'my home'
     home.mkdir()
     for name in ('SSH_CONNECTION', 'BARC_SIM_NO_BROWSER', 'WSL_DISTRO_NAME'):
@@ -216,11 +216,11 @@ def browser_stub(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ('BROWSER', program.name),
         ('DISPLAY', ':0'),
         ('HOME', str(home)),
-        ('SEEN', str(seen)),
+        ('SEEN', str(facts)),
     ):
         monkeypatch.setenv(name, value)
     monkeypatch.setattr(webbrowser, '_tryorder', None)  # reads BROWSER again
-    return seen
+    return facts
 
 
 @pytest.mark.parametrize('page_opens', [True, False])
@@ -229,15 +229,15 @@ def test_the_browsers_arguments_have_no_token_and_its_file_is_private_and_remove
 ) -> None:
     server.open_browser()
     wait_for(browser_stub.exists)
-    seen = json.loads(browser_stub.read_text('utf-8'))
-    assert token(server) not in ' '.join(seen['arguments'])
-    assert seen['modes'] == ['0o600', '0o700']
+    facts = json.loads(browser_stub.read_text('utf-8'))
+    assert token(server) not in ' '.join(facts['arguments'])
+    assert facts['modes'] == ['0o600', '0o700']
 
-    (link,) = re.findall(r'href="(.*?)"', seen['text'])
+    (link,) = re.findall(r'href="(.*?)"', facts['text'])
     assert link == server.url
-    assert f'content="0; url={link}"' in seen['text']
+    assert f'content="0; url={link}"' in facts['text']
 
-    folder = Path(seen['path']).parent
+    folder = Path(facts['path']).parent
     assert not folder.name.startswith('.')  # which a browser in a container could not read
 
     if page_opens:
@@ -306,10 +306,10 @@ def test_slow_page_misses_states_but_no_messages(server: ViewServer) -> None:
         wait_for(lambda: server.pages)
         for _ in range(200):
             server.call(lambda: server.send(bytes(100_000)))
-        done = Event()
+        is_sent = Event()
         server.call(lambda: broadcast(server.pages, encode('end', reason='test')))
-        server.call(done.set)
-        assert done.wait(DEADLINE)
+        server.call(is_sent.set)
+        assert is_sent.wait(DEADLINE)
 
         states = 0
         while (message := client.recv(DEADLINE)) != encode('end', reason='test'):
@@ -322,18 +322,21 @@ def test_close_sends_the_last_message_and_frees_the_port(server: ViewServer) -> 
     with page(server) as client:
         wait_for(lambda: server.pages)
         server.call(lambda: server.send(encode('end', reason='done')))
+
         server.close()
         assert [client.recv(DEADLINE) for _ in range(3)][-1] == encode('end', reason='done')
         assert end_of(client).code == 1001
+
     with socket.create_server(('127.0.0.1', urlsplit(server.url).port or 0)):
         pass
+
     server.call(lambda: pytest.fail('called'))
     server.close()
 
 
 def test_the_error_names_an_address_that_cannot_be_used() -> None:
-    with socket.create_server(('127.0.0.1', 0)) as taken:
-        port = taken.getsockname()[1]
+    with socket.create_server(('127.0.0.1', 0)) as other_server:
+        port = other_server.getsockname()[1]
         with pytest.raises(UserError, match=f'on port {port} of .127.0.0.1.*--view-port'):
             ViewServer(port=port)
     with pytest.raises(UserError, match=r"of '192\.0\.2\.7'.*--view-host"):
@@ -362,8 +365,10 @@ def test_connections_that_show_no_token_are_closed_and_keep_no_page_away(
         silent = [
             stack.enter_context(socket.create_connection(where, DEADLINE)) for _ in range(200)
         ]
+
         with page(server) as opened:
             assert opened.recv(DEADLINE) == encode('hello')
+
         for connection in silent:
             with suppress(ConnectionResetError):
                 while connection.recv(1024):

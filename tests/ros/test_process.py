@@ -55,9 +55,9 @@ def test_nodes_of_two_processes_find_each_other_and_end_in_order(start: Start) -
 
 
 def test_bad_parameter_is_one_line_and_exit_code_2() -> None:
-    done = barc('node', 'controller', '--ros-args', '-p', 'kp:=high')
-    assert (done.returncode, done.stdout) == (2, '')
-    (line,) = done.stderr.splitlines()
+    process = barc('node', 'controller', '--ros-args', '-p', 'kp:=high')
+    assert (process.returncode, process.stdout) == (2, '')
+    (line,) = process.stderr.splitlines()
     assert line.startswith('controller: error: parameter kp')
 
 
@@ -238,7 +238,7 @@ def test_shared_memory_is_used_where_it_can_be_written(tmp_path: Path) -> None:
 
 def test_a_message_outlives_its_publisher_and_shares_no_file() -> None:
     """Data of a fixed size that is shared is gone with its publisher, and leaves a file."""
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, PROGRAMS / 'last_message.py'],
         capture_output=True,
         text=True,
@@ -246,4 +246,4 @@ def test_a_message_outlives_its_publisher_and_shares_no_file() -> None:
         timeout=200,
     )
 
-    assert done.stdout == '[std_msgs.msg.Float64(data=5.0)] []\n'
+    assert process.stdout == '[std_msgs.msg.Float64(data=5.0)] []\n'

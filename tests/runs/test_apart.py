@@ -29,7 +29,7 @@ ALONE = ('--no-controller', '--realtime-factor', 'max')
 RUN = ('-m', 'barc_sim.run', 'acc', '-q', *ALONE)
 
 
-def ended(run: subprocess.Popen[str]) -> str:
+def output_of(run: subprocess.Popen[str]) -> str:
     """Return what a run has printed that ended as it should."""
     out, err = run.communicate(timeout=DEADLINE)
     assert run.returncode == 0, err
@@ -64,7 +64,7 @@ def test_a_controller_written_by_others_drives_a_run(start: Start, tmp_path: Pat
     assert 'waiting for a controller that publishes /ecu' in run.stderr.readline()
 
     start(PROPORTIONAL_CONTROLLER)
-    log = bag.read(tmp_path / ended(run))
+    log = bag.read(tmp_path / output_of(run))
     expected = closed_loop(
         controller=speed_controller(kp=1.0, ki=0.0, kd=0.0, limit=100.0), distance=10.0
     )
@@ -116,7 +116,7 @@ def test_a_run_on_one_machine_is_driven_from_another(
     run = start(*RUN, '--network', '--distance', '10', before=here)
     subnet = ('env', 'ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET')
     start(PROPORTIONAL_CONTROLLER, before=(*elsewhere, *subnet))
-    log = bag.read(tmp_path / ended(run))
+    log = bag.read(tmp_path / output_of(run))
     expected = closed_loop(
         controller=speed_controller(kp=1.0, ki=0.0, kd=0.0, limit=100.0), distance=10.0
     )

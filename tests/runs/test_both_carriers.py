@@ -40,12 +40,12 @@ class Topic(NamedTuple):
 
 def topics(bags: Path) -> dict[str, Topic]:
     (file,) = bags.rglob('*.mcap')
-    found: dict[str, Topic] = {}
+    by_name: dict[str, Topic] = {}
     with file.open('rb') as stream, AnyReader([file.parent]) as reader:
         first, repeated = {}, 0
         for schema, channel, message in make_reader(stream).iter_messages():
             assert schema
-            topic = found.setdefault(
+            topic = by_name.setdefault(
                 channel.topic, Topic(schema.name, schema.data, channel.metadata, [], [])
             )
             stamp = leading_time(message.data)
@@ -63,22 +63,22 @@ def topics(bags: Path) -> dict[str, Topic]:
                 continue
             topic.sequences.append(message.sequence - repeated * (channel.topic == '/clock'))
             topic.messages.append(None if channel.topic in WORDS else repr(values))
-    return found
+    return by_name
 
 
 @pytest.mark.usefixtures('ros_domain')
 @pytest.mark.parametrize('controller', ['pid', 'lqr'])
 def test_runs_with_and_without_ros_give_equal_bags(tmp_path: Path, controller: str) -> None:
-    found = {}
+    contents = {}
     for engine in ('ros', 'local'):
         bags = tmp_path / engine
         words = ('--engine', engine, '--bag-dir', str(bags), '--controller-type', controller)
         printed('acc', *words, '--realtime-factor', 'max', '--distance', '20')
-        found[engine] = topics(bags)
+        contents[engine] = topics(bags)
 
-    assert found['local'].keys() == found['ros'].keys() >= {'/z_vhcl', '/ecu', '/rosout'}
-    for name, topic in found['ros'].items():
-        assert found['local'][name] == topic, name
+    assert contents['local'].keys() == contents['ros'].keys() >= {'/z_vhcl', '/ecu', '/rosout'}
+    for name, topic in contents['ros'].items():
+        assert contents['local'][name] == topic, name
 
 
 def test_a_run_of_user_code_without_ros_gives_the_golden_figures(
@@ -89,8 +89,8 @@ def test_a_run_of_user_code_without_ros_gives_the_golden_figures(
 
     scenario = SCENARIOS['user_code']  # others: test_carriers
     local = scenario._replace(options=f'{scenario.options} --engine local')
-    found = figures(local, tmp_path, run)
-    before, engine, after = found['metadata'].partition('engine=local, without ROS ')
+    figures_of_run = figures(local, tmp_path, run)
+    before, engine, after = figures_of_run['metadata'].partition('engine=local, without ROS ')
     assert engine
-    found['metadata'] = before + after
-    assert not differences(golden['user_code'], found)
+    figures_of_run['metadata'] = before + after
+    assert not differences(golden['user_code'], figures_of_run)

@@ -48,7 +48,7 @@ def path(module_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Path: 
     controllers: list[CruiseController] = []
     make, publish = CruiseController.__init__, VehicleSimulator.publish_state
 
-    def made(self: CruiseController, **options: object) -> None:
+    def make_controller(self: CruiseController, **options: object) -> None:
         make(self, **options)
         controllers.append(self)
 
@@ -61,7 +61,7 @@ def path(module_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Path: 
 
     first = [word for name, value in GAINS[0].items() for word in (f'--{name}', str(value))]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(CruiseController, '__init__', made)
+        patch.setattr(CruiseController, '__init__', make_controller)
         patch.setattr(VehicleSimulator, 'publish_state', publish_state)
         options = ('--realtime-factor', 'max', '--distance', str(DISTANCE), '--laps', '3')
         printed('acc', '-q', *options, *first, '--bag-dir', str(folder / 'bags'))

@@ -48,11 +48,11 @@ def stamps(messages: Sequence[Any]) -> list[int]:
     return [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in messages]
 
 
-def assert_same(one: Log, other: Log, rows: int | None = None) -> None:
+def assert_same(log: Log, other: Log, rows: int | None = None) -> None:
     """Compare to the last bit, the first `rows` rows only if given."""
-    assert rows is not None or len(one) == len(other)
+    assert rows is not None or len(log) == len(other)
     for name in COLUMNS:
-        assert np.array_equal(getattr(one, name)[:rows], getattr(other, name)[:rows]), name
+        assert np.array_equal(getattr(log, name)[:rows], getattr(other, name)[:rows]), name
 
 
 # One trajectory
@@ -65,11 +65,13 @@ def test_a_run_in_real_time_has_the_states_of_the_closed_loop_up_to_a_missed_dea
     for _ in range(3):
         before = time.time_ns()
         path = bag_of(tmp_path, '--distance', '1')
+
         with AnyReader([path]) as reader:
             assert '/clock' not in reader.topics  # the bag's time is the wall's
             states = reader.topics['/z_vhcl'].connections
             times = [time for _, time, _ in reader.messages(states)]
         assert before < times[0] < times[-1] < time.time_ns()
+
         run = bag.read(path)
         if not run.missed.any():
             assert_same(run, expected)
@@ -125,16 +127,16 @@ def path(module_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Path: 
 
 
 def test_the_bag_has_each_step_once_on_each_topic(path: Path) -> None:
-    found = messages(path)
-    begin = stamps(found['/z_vhcl'])[0]
+    by_topic = messages(path)
+    begin = stamps(by_topic['/z_vhcl'])[0]
     steps = int(bag.info(path)['steps'])
     for topic in TOPICS:
-        assert stamps(found[topic]) == [begin + k * 20_000_000 for k in range(steps)], topic
-    assert found['/z_vhcl'][-2].x < 3.0 <= found['/z_vhcl'][-1].x
+        assert stamps(by_topic[topic]) == [begin + k * 20_000_000 for k in range(steps)], topic
+    assert by_topic['/z_vhcl'][-2].x < 3.0 <= by_topic['/z_vhcl'][-1].x
 
     with AnyReader([path]) as reader:  # the bag's time is the simulated one
         times = [time for _, time, _ in reader.messages(reader.topics['/z_vhcl'].connections)]
-    assert times == stamps(found['/z_vhcl'])
+    assert times == stamps(by_topic['/z_vhcl'])
 
 
 def test_the_bag_has_the_command_and_the_parameters_of_the_run(path: Path) -> None:
@@ -160,8 +162,8 @@ def test_the_bag_has_the_message_of_a_publisher_that_lives_shortly(
     run.send_signal(signal.SIGINT)
     path = tmp_path / run.communicate(timeout=200)[0].strip()
 
-    found = messages(path)
-    assert [reference.data for reference in found['/speed_reference']] == [5.0]
+    by_topic = messages(path)
+    assert [reference.data for reference in by_topic['/speed_reference']] == [5.0]
 
 
 @pytest.mark.usefixtures('ros_domain')
@@ -199,18 +201,18 @@ def test_a_fault_in_a_node_is_raised_and_the_bag_is_whole(
 ) -> None:
     on_state = CruiseController._on_state  # noqa: SLF001
 
-    def broken(self: CruiseController, state: ZDynBkMdl) -> None:
+    def fail_above_half(self: CruiseController, state: ZDynBkMdl) -> None:
         assert state.v_x < 0.5, 'a fault of ours'
         on_state(self, state)
 
-    monkeypatch.setattr(CruiseController, '_on_state', broken)
+    monkeypatch.setattr(CruiseController, '_on_state', fail_above_half)
     with pytest.raises(AssertionError, match='a fault of ours'):
         acc(tmp_path, '--realtime-factor', 'max')
     (path,) = (tmp_path / 'bags').iterdir()
-    found = messages(path)
-    assert found['/z_vhcl'][-1].v_x >= 0.5
-    assert len(found['/ecu']) == len(found['/z_vhcl']) - 1
-    assert bag.info(path)['steps'] == str(len(found['/z_vhcl']))
+    by_topic = messages(path)
+    assert by_topic['/z_vhcl'][-1].v_x >= 0.5
+    assert len(by_topic['/ecu']) == len(by_topic['/z_vhcl']) - 1
+    assert bag.info(path)['steps'] == str(len(by_topic['/z_vhcl']))
 
 
 @pytest.mark.parametrize(
@@ -225,9 +227,9 @@ def test_a_refused_run_leaves_no_bag(
     monkeypatch.setattr(VehicleSimulator, moment, refuse)
     folder = tmp_path / 'here'
     (folder / 'bags' if folder_exists else folder).mkdir(parents=True)
-    done = acc(folder)
-    assert (done.returncode, done.stdout) == (2, '')
-    assert done.stderr == 'barc acc: error: not here\n'
+    process = acc(folder)
+    assert (process.returncode, process.stdout) == (2, '')
+    assert process.stderr == 'barc acc: error: not here\n'
     assert list(folder.rglob('*')) == ([folder / 'bags'] if folder_exists else [])
 
 
@@ -243,9 +245,9 @@ def test_an_error_after_the_first_state_leaves_the_bag_whole(
         states.append(publish(*arguments))
 
     monkeypatch.setattr(VehicleSimulator, 'publish_state', refuse_the_fifth)
-    done = acc(tmp_path, '--realtime-factor', 'max')
-    assert done.returncode == 1
-    assert done.stderr.splitlines()[-1] == 'barc acc: error: no more'
-    path = tmp_path / done.stdout.strip()
+    process = acc(tmp_path, '--realtime-factor', 'max')
+    assert process.returncode == 1
+    assert process.stderr.splitlines()[-1] == 'barc acc: error: no more'
+    path = tmp_path / process.stdout.strip()
     assert bag.info(path)['failure'] == 'no more'
     assert len(messages(path)['/z_vhcl']) == 4

@@ -44,18 +44,18 @@ def test_the_bag_of_a_killed_run_has_all_states_that_were_written(
     moment = random.Random(run).uniform(0.3, 2.0)  # noqa: S311 (no secret)
     node = Node('witness', context=ros)
     subscription = node.create_subscription(ZDynBkMdl, 'z_vhcl', lambda _: None, 10_000, raw=True)
-    taker, seen = Taker(), []
+    taker, received_states = Taker(), []
 
     def is_seen() -> bool:
-        seen.extend(taker.take(subscription, 10_000))
-        return bool(seen)
+        received_states.extend(taker.take(subscription, 10_000))
+        return bool(received_states)
 
     bags = tmp_path / 'bags'
     with started('acc', '--quiet', '--distance', '0', '--bag-dir', str(bags)):
         wait_for(is_seen)
         if not SOAK:
             # On a busy machine, a time says nothing: what is written by now stays.
-            latest = seen[-1][3]
+            latest = received_states[-1][3]
             wait_for(lambda: latest in written_states(bags))
         time.sleep(moment)  # it may be killed at any
         killed = time.time_ns()
@@ -68,14 +68,14 @@ def test_the_bag_of_a_killed_run_has_all_states_that_were_written(
     recover(path, bags / 'whole')
     file = bags / 'whole' / 'whole_0.mcap'
     mcap_doctor.check(file)
-    kept = states(file)
-    assert sorted(kept) == list(range(1, len(kept) + 1))
+    recovered = states(file)
+    assert sorted(recovered) == list(range(1, len(recovered) + 1))
 
-    for data, published, received, number, _ in seen:
+    for data, published, received, number, _ in received_states:
         if received < killed - MOST_LOST if SOAK else number <= latest:
-            assert number in kept
-        if number in kept:
-            assert kept[number] == (data, published)
+            assert number in recovered
+        if number in recovered:
+            assert recovered[number] == (data, published)
 
 
 def written_states(bags: Path) -> dict[int, tuple[bytes, int]]:

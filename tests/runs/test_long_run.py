@@ -25,14 +25,14 @@ PROGRAM = Path(__file__).with_name('programs') / 'measure_memory.py'
 @pytest.mark.timeout(1800)
 @pytest.mark.usefixtures('ros_domain')
 def test_memory_stays_flat_and_the_bag_is_whole(tmp_path: Path) -> None:
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, PROGRAM, str(STEPS), str(tmp_path)],
         stdout=subprocess.PIPE,
         text=True,
         check=True,
         timeout=1800,
     )
-    assert int(done.stdout.splitlines()[-1]) < 5e6
+    assert int(process.stdout.splitlines()[-1]) < 5e6
 
     path = bag.newest(tmp_path)
     assert bag.info(path)['lost_messages'] == '0'

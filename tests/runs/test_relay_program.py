@@ -67,10 +67,10 @@ def test_a_program_that_fails_ends_the_run_with_a_sentence(
     tmp_path: Path, engine: str, sentence: str
 ) -> None:
     (tmp_path / 'mine.py').write_text(DIES, encoding='utf-8')
-    done = call('teleop', '--engine', engine, *UNSEEN, '--relay', 'mine.py', cwd=tmp_path)
-    assert done.returncode == 1
-    assert done.stderr.splitlines()[-1].endswith(sentence)
-    assert 'a fault of mine' in done.stderr
+    process = call('teleop', '--engine', engine, *UNSEEN, '--relay', 'mine.py', cwd=tmp_path)
+    assert process.returncode == 1
+    assert process.stderr.splitlines()[-1].endswith(sentence)
+    assert 'a fault of mine' in process.stderr
     assert bag.info(newest(tmp_path))['failure'].endswith(sentence)
 
 
@@ -96,10 +96,10 @@ def test_a_run_without_a_relay_waits_for_another(tmp_path: Path) -> None:
 def test_options_that_contradict_are_refused(
     tmp_path: Path, options: tuple[str, ...], sentence: str
 ) -> None:
-    mine = tmp_path / 'mine.py'
-    mine.write_text(ROS_2, encoding='utf-8')
-    words = [str(mine) if word == 'mine.py' else word for word in options]
-    done = barc('teleop', '--bag-dir', str(tmp_path / 'bags'), *words)
-    assert done.returncode == 2
-    assert sentence in done.stderr.splitlines()[-1].replace(str(mine), 'mine.py')
+    relay_file = tmp_path / 'mine.py'
+    relay_file.write_text(ROS_2, encoding='utf-8')
+    words = [str(relay_file) if word == 'mine.py' else word for word in options]
+    process = barc('teleop', '--bag-dir', str(tmp_path / 'bags'), *words)
+    assert process.returncode == 2
+    assert sentence in process.stderr.splitlines()[-1].replace(str(relay_file), 'mine.py')
     assert not (tmp_path / 'bags').exists()

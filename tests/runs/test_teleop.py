@@ -48,7 +48,7 @@ def session(tmp_path: Path) -> Iterator[Session]:
 
 def requests(path: Path) -> list[tuple[float, DriverInput]]:
     """Return the recorded `cmd_vel`, at times since the first state."""
-    found = []
+    timed_requests = []
     with AnyReader([path]) as reader:
         names = {'/z_vhcl', '/cmd_vel'}
         first = None
@@ -60,11 +60,11 @@ def requests(path: Path) -> list[tuple[float, DriverInput]]:
             elif first:
                 twist = reader.deserialize(data, connection.msgtype)
                 request = DriverInput(twist.linear.x, twist.angular.z, -twist.linear.z)
-                found.append(((time_ns - first) / 1e9, request))
-    return found
+                timed_requests.append(((time_ns - first) / 1e9, request))
+    return timed_requests
 
 
-def lost(path: Path) -> float:
+def time_lost(path: Path) -> float:
     """Return the simulated time [s] by which the machine fell behind."""
     return 0.02 * float(bag.info(path)['slipped_periods'])
 
@@ -82,13 +82,13 @@ def test_keys_drive_the_car_as_the_limits_predict_and_the_drive_can_be_repeated(
     log = bag.read(session.bag())
     received = requests(session.bag())
     # Where this test is late with a repeat, the key counts as released in between.
-    driven = sum(
+    full_throttle = sum(
         after - t for (t, request), (after, _) in pairwise(received) if request.forward == 1.0
     )
-    assert driven > PRESS_HOLD
+    assert full_throttle > PRESS_HOLD
 
-    slack = lost(session.bag()) * DriverLimits().acceleration
-    expected = driven * DriverLimits().acceleration
+    slack = time_lost(session.bag()) * DriverLimits().acceleration
+    expected = full_throttle * DriverLimits().acceleration
     assert log.speed[-1] == pytest.approx(expected, rel=0.05, abs=0.05 * expected + slack)
     # The servo that returns changes the slip angle, and with it the speed.
     assert log.speed[-1] == pytest.approx(log.speed[-10], abs=0.1)
@@ -96,9 +96,9 @@ def test_keys_drive_the_car_as_the_limits_predict_and_the_drive_can_be_repeated(
 
     again = drive_by_hand(received, float(log.t[-1]))
     # The nodes' ticks fall elsewhere in the same 50 ms.
-    assert again.speed[-1] == pytest.approx(log.speed[-1], abs=0.5 + 4.0 * lost(session.bag()))
+    assert again.speed[-1] == pytest.approx(log.speed[-1], abs=0.5 + 4.0 * time_lost(session.bag()))
     assert log.psi[-1] < 0.0
-    assert again.psi[-1] == pytest.approx(log.psi[-1], abs=0.2 + lost(session.bag()))
+    assert again.psi[-1] == pytest.approx(log.psi[-1], abs=0.2 + time_lost(session.bag()))
 
 
 def test_keys_steer_brake_and_reset_the_car(session: Session) -> None:
@@ -153,6 +153,7 @@ def test_an_error_in_a_node_restores_the_terminal(tmp_path: Path) -> None:
     try:
         session.until(READY)
         session.until(rb'held -')
+
         session.type(b'w')
         assert session.end() != 0
         assert b'a fault in a node' in session.shown

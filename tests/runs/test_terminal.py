@@ -75,11 +75,11 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminal]:
 
 
 def test_a_pipe_gets_a_plain_line_a_second(capsys: Capture, clock: Callable[[float], None]) -> None:
-    shown = Display(180.0)
+    display = Display(180.0)
     for k in range(250):
         clock(10.0 + 0.01 * k)
-        shown.show(*STATE)
-    shown.close()
+        display.show(*STATE)
+    display.close()
     assert capsys.readouterr() == (f'{LINE}\n' * 3, '')
 
 
@@ -88,15 +88,15 @@ def test_a_terminal_gets_a_line_in_place_and_its_cursor_back(
 ) -> None:
     clock(10.0)
     with redirect_stdout(terminal.stdout):
-        shown = Display(180.0)
-        shown.show(*STATE)
+        display = Display(180.0)
+        display.show(*STATE)
         text = terminal.shown()
         assert HIDE in text
         assert LINE.strip() in text
         assert '\n' not in text
 
-        shown.show(12.5, partial(cruise_line, 1.52, 12.5, 8.0, 0.0, 10.0))
-        shown.close()
+        display.show(12.5, partial(cruise_line, 1.52, 12.5, 8.0, 0.0, 10.0))
+        display.close()
         text = terminal.shown()
 
     assert 'grade +10°' in text  # the last state, however soon after the one before it
@@ -109,16 +109,16 @@ def test_the_line_leaves_room_for_what_ctrl_c_writes(
 ) -> None:
     monkeypatch.setenv('COLUMNS', '40')
     with redirect_stdout(terminal.stdout):
-        shown = Display(180.0)
-        shown.show(*STATE)
+        display = Display(180.0)
+        display.show(*STATE)
         lines = re.sub(r'\x1b\[[\d;?]*[A-Za-z]', '', terminal.shown()).split('\r')
-        shown.close()
+        display.close()
     assert max(map(len, lines)) == 38
 
 
-@pytest.mark.parametrize(('columns', 'shown'), [('0', LINE.strip()), ('1', '…'), ('2', '…')])
+@pytest.mark.parametrize(('columns', 'line'), [('0', LINE.strip()), ('1', '…'), ('2', '…')])
 def test_a_terminal_without_a_size_or_with_few_columns_has_a_line(
-    terminal: Terminal, monkeypatch: pytest.MonkeyPatch, columns: str, shown: str
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch, columns: str, line: str
 ) -> None:
     monkeypatch.setenv('COLUMNS', columns)  # 0: those of the terminal, which gives none
     monkeypatch.setattr(sys, '__stdout__', terminal.stdout)
@@ -127,17 +127,17 @@ def test_a_terminal_without_a_size_or_with_few_columns_has_a_line(
         display.show(*STATE)
         text = terminal.shown()
         display.close()
-    assert shown in text
+    assert line in text
 
 
 def test_a_drive_by_hand_is_a_line_without_a_bar(terminal: Terminal) -> None:
     with redirect_stdout(terminal.stdout):
-        shown = Display()
-        shown.show(*DRIVE)
+        display = Display()
+        display.show(*DRIVE)
         text = terminal.shown()
         sys.stdout.write('user code prints [this]\n')
         printed = terminal.shown()
-        shown.close()
+        display.close()
 
     assert DRIVE_LINE.strip() in text
     assert '━' not in text
@@ -146,21 +146,21 @@ def test_a_drive_by_hand_is_a_line_without_a_bar(terminal: Terminal) -> None:
 
 def test_a_terminal_that_is_gone_does_not_end_the_run(terminal: Terminal) -> None:
     with redirect_stdout(terminal.stdout):
-        shown = Display()
-        shown.show(*DRIVE)
+        display = Display()
+        display.show(*DRIVE)
         os.dup2(os.open(os.devnull, os.O_RDONLY), terminal.stdout.fileno())  # writing fails
-        shown.close()
+        display.close()
 
 
 @pytest.mark.parametrize(
-    ('pressed', 'held'),
+    ('pressed', 'keys'),
     [(PRESSED, '↑ →'), (COAST, '-'), (FULL_BRAKE, 'brake'), (DriverInput(-0.5, 0.1), '↓ ←')],
 )
 def test_held_keys_are_shown_in_columns_that_stay_without_a_negative_zero(
-    pressed: DriverInput, held: str
+    pressed: DriverInput, keys: str
 ) -> None:
     still = drive_line(0.0, -0.001, -0.0001, pressed)
-    assert still.endswith(f'held {held}')
+    assert still.endswith(f'held {keys}')
     assert '-0' not in still
     assert still.index('held') == DRIVE_LINE.index('held')
 

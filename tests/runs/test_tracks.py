@@ -31,11 +31,11 @@ FAST = ('--realtime-factor', 'max', '--view', 'none')
 
 def drive(folder: Path, *words: str, engine: str = 'local') -> tuple[str, TrackLog]:
     """Return what a run prints, and the log of its bag."""
-    done = call('acc', '--engine', engine, '--view', 'none', *words, cwd=folder)
-    assert done.returncode == 0, done.stderr
+    process = call('acc', '--engine', engine, '--view', 'none', *words, cwd=folder)
+    assert process.returncode == 0, process.stderr
     log = read(max((folder / 'bags').iterdir()))
     assert isinstance(log, TrackLog)
-    return done.stdout, log
+    return process.stdout, log
 
 
 @pytest.mark.usefixtures('ros_domain')
@@ -106,10 +106,12 @@ def test_a_users_steering_law_drives(tmp_path: Path) -> None:
 
 def test_the_run_of_a_car_that_leaves_the_track_ends(tmp_path: Path) -> None:
     (tmp_path / 'lane.py').write_text(LANE.replace('return', 'return 0.0  #'), 'utf-8')
-    done = call('acc', '--engine', 'local', '--track', 'circle', '--lab', '.', *FAST, cwd=tmp_path)
-    assert done.returncode == 1
-    assert 'the car left the track to the right at 10.4 m: the run' in done.stderr
-    assert re.search(r'^not finished +\d+\.\d\d s', done.stdout, re.MULTILINE)
+    process = call(
+        'acc', '--engine', 'local', '--track', 'circle', '--lab', '.', *FAST, cwd=tmp_path
+    )
+    assert process.returncode == 1
+    assert 'the car left the track to the right at 10.4 m: the run' in process.stderr
+    assert re.search(r'^not finished +\d+\.\d\d s', process.stdout, re.MULTILINE)
 
 
 @pytest.mark.parametrize(
@@ -146,9 +148,9 @@ def test_options_that_do_not_fit_the_track_are_refused_in_a_sentence(
     (tmp_path / 'wanting').mkdir()
     (tmp_path / 'wanting/lane.py').write_text(LANE.replace('k_y=0.2, k_psi=0.8', 'k'), 'utf-8')
     (tmp_path / 'open.csv').write_text('length_m,radius_m\n50,0\n', 'utf-8')
-    done = call('acc', '--engine', 'local', *FAST, *words.split(), cwd=tmp_path)
+    process = call('acc', '--engine', 'local', *FAST, *words.split(), cwd=tmp_path)
 
-    assert done.returncode != 0
-    assert complaint in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
+    assert process.returncode != 0
+    assert complaint in process.stderr
+    assert len(process.stderr.strip().splitlines()) == 1
     assert not (tmp_path / 'bags').exists()

@@ -49,17 +49,17 @@ def python(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
 def test_acc_drives_and_its_bag_is_read_by_the_other_commands(tmp_path: Path) -> None:
     folder = tmp_path / 'with a space'
     folder.mkdir()
-    done = barc(folder, 'acc', '--realtime-factor', 'max', '--distance', '40')
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[0] == 'engine     local, without ROS'
+    process = barc(folder, 'acc', '--realtime-factor', 'max', '--distance', '40')
+    assert process.returncode == 0, process.stderr
+    assert process.stdout.splitlines()[0] == 'engine     local, without ROS'
 
     (bag,) = (folder / 'bags').iterdir()
     metadata = yaml.safe_load((bag / 'metadata.yaml').read_text(encoding='utf-8'))
     information = metadata['rosbag2_bagfile_information']
     assert information['custom_data']['engine'] == 'local, without ROS'
 
-    done = barc(folder, 'graph', '--bag', str(bag))
-    assert done.returncode == 0, done.stderr
+    process = barc(folder, 'graph', '--bag', str(bag))
+    assert process.returncode == 0, process.stderr
 
 
 #: Prints a line of JSON for each of the command lines: exit code, output and error.
@@ -92,14 +92,14 @@ def test_a_command_that_needs_ros_is_refused_in_one_sentence_and_leaves_no_bag(
         'acc -q --ros-args -r __ns:=/1car': "Invalid name '1car': expected letters",
     }
     words = json.dumps([line.split() for line in lines])
-    found = python(tmp_path, '-c', REFUSE, words).stdout.splitlines()
-    for what, answer in zip(lines.values(), found, strict=True):
+    answers = python(tmp_path, '-c', REFUSE, words).stdout.splitlines()
+    for cause, answer in zip(lines.values(), answers, strict=True):
         code, out, error = json.loads(answer)
         assert (code, out, error.count('\n')) == (2, '', 1)
-        if what.startswith(('--', 'barc')):
-            assert f'{what} needs ROS 2: ' in error
+        if cause.startswith(('--', 'barc')):
+            assert f'{cause} needs ROS 2: ' in error
             assert 'ros-jazzy-ros-base' in error
-        assert what in error
+        assert cause in error
 
     assert list(tmp_path.iterdir()) == []
 

@@ -47,7 +47,7 @@ SOAK = 'BARC_SIM_SOAK' in os.environ
     ],
 )
 def test_damaged_files_end_in_a_result_or_a_sentence(kind: str, count: int) -> None:
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, str(FUZZING / '_fuzz.py'), kind, '-n', str(count), '--seed', '14'],
         env=os.environ | {'PYTHONPATH': str(ROOT)},
         capture_output=True,
@@ -55,8 +55,8 @@ def test_damaged_files_end_in_a_result_or_a_sentence(kind: str, count: int) -> N
         check=False,
     )
 
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[-1].split()[:2] == ['all', str(count)]
+    assert process.returncode == 0, process.stderr
+    assert process.stdout.splitlines()[-1].split()[:2] == ['all', str(count)]
 
 
 def fault(_: Path) -> None:

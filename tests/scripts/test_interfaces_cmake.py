@@ -40,13 +40,13 @@ def test_a_project_can_link_to_targets_that_name_folders_of_another_machine(tmp_
     (tmp_path / 'uses.cpp').write_text('#include "answer.hpp"\nint uses() { return answer(); }\n')
     (tmp_path / 'CMakeLists.txt').write_text(PROJECT)
     for words in (['-S', '.', '-B', 'build'], ['--build', 'build']):
-        done = subprocess.run(
+        process = subprocess.run(
             [shutil.which('cmake'), *words],
             cwd=tmp_path,
             capture_output=True,
             text=True,
             check=False,
         )
-        assert done.returncode == 0, done.stdout + done.stderr
+        assert process.returncode == 0, process.stdout + process.stderr
 
     assert 'existing_includes.cmake' in (EXPORTS / 'barc_interfacesConfig.cmake').read_text()

@@ -43,6 +43,7 @@ def test_each_locked_version_is_within_the_requirements(lock: Any, version: str)
         'sys_platform': 'linux',
         'extra': '',
     }
+
     locked: dict[str, Requirement] = {}
     for group in GROUPS[:-1]:
         for line in text(group).splitlines():
@@ -51,9 +52,10 @@ def test_each_locked_version_is_within_the_requirements(lock: Any, version: str)
                 if not pin.marker or pin.marker.evaluate(environment):
                     assert pin.name not in locked
                     locked[pin.name] = pin
-        for each in map(Requirement, lock.groups()[group]):
-            (pinned,) = locked[canonicalize_name(each.name)].specifier
-            assert pinned.version in each.specifier, each
+
+        for required in map(Requirement, lock.groups()[group]):
+            (pinned,) = locked[canonicalize_name(required.name)].specifier
+            assert pinned.version in required.specifier, required
 
 
 def test_a_sourced_ros_gets_only_the_packages_that_it_lacks(

@@ -147,8 +147,8 @@ def test_an_unusable_python_ros_or_setting_is_named(
 ) -> None:
     python = 'echo $VERSION wheels /bin/python'
     path = programs(tmp_path / 'bin', *TOOLS, *COMPILERS, python3=python)
-    chosen = {'BARC_PYTHON': ''} if 'VERSION' in environment else {}
-    assert message in sentence(run(checkout, path, **chosen | environment))
+    default_python = {'BARC_PYTHON': ''} if 'VERSION' in environment else {}
+    assert message in sentence(run(checkout, path, **default_python | environment))
 
 
 #: What a Mac has, and Git Bash.
@@ -179,11 +179,11 @@ def test_where_pypi_has_no_ros_barc_is_set_up_without_it(
     )
 
     installed = (checkout / '.setup' / 'log').read_text()
-    locked, own = re.findall('pip install .*', installed)
+    locked, editable = re.findall('pip install .*', installed)
     assert '--require-hashes --no-deps' in locked
     assert locked.endswith('--requirement requirements/run.txt')
-    assert '--no-index --no-deps --no-build-isolation' in own
-    assert own.endswith('-e .')
+    assert '--no-index --no-deps --no-build-isolation' in editable
+    assert editable.endswith('-e .')
 
     again = run(checkout, path, BARC_PYTHON='')
     assert (again.returncode, again.stdout, again.stderr) == (0, first.stdout, '')
@@ -259,22 +259,25 @@ def test_every_wheel_of_ros_is_pinned_to_one_version() -> None:
 
 
 def test_robostack_gets_what_barc_sim_requires() -> None:
-    wanted = dict(
+    requirements = dict(
         re.findall(r'^([\w-]+)(>=.*)$', SETUP['options']['install_requires'], re.MULTILINE)
     )
-    wanted['matplotlib-base'] = wanted.pop('matplotlib')
+    requirements['matplotlib-base'] = requirements.pop('matplotlib')
     text = (ROOT / 'pixi.toml').read_text(encoding='utf-8')
-    assert wanted.items() <= dict(re.findall(r'^([\w-]+) = "(.*)"$', text, re.MULTILINE)).items()
+    assert (
+        requirements.items() <= dict(re.findall(r'^([\w-]+) = "(.*)"$', text, re.MULTILINE)).items()
+    )
 
 
 def test_each_requirement_is_a_key_of_rosdep_or_in_the_line_for_pip() -> None:
-    named = (ROOT / 'package.xml').read_text(encoding='utf-8')
+    manifest = (ROOT / 'package.xml').read_text(encoding='utf-8')
     page = (ROOT / 'docs' / 'how-to' / 'platforms.md').read_text(encoding='utf-8')
     keys = {'pillow': 'pil', 'pyyaml': 'yaml'}
+
     for requirement in SETUP['options']['install_requires'].split():
         name = re.split('[><]', requirement)[0]
-        if f'<exec_depend>python3-{keys.get(name, name)}</exec_depend>' not in named:
-            (comment,) = re.findall('<!-- (From PyPI.*?) -->', named, re.DOTALL)
+        if f'<exec_depend>python3-{keys.get(name, name)}</exec_depend>' not in manifest:
+            (comment,) = re.findall('<!-- (From PyPI.*?) -->', manifest, re.DOTALL)
             assert name in comment
             assert f"'{requirement}'" in page
 

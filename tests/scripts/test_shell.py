@@ -89,16 +89,16 @@ class Session:
     """A shell in a terminal."""
 
     def __init__(self, environment: dict[str, str]) -> None:
-        self.terminal, theirs = pty.openpty()
+        self.terminal, terminal_of_shell = pty.openpty()
         self.process = subprocess.Popen(
             [f'{environment["CHECKOUT"]}/scripts/shell'],
             env=environment,
-            stdin=theirs,
-            stdout=theirs,
-            stderr=theirs,
+            stdin=terminal_of_shell,
+            stdout=terminal_of_shell,
+            stderr=terminal_of_shell,
             start_new_session=True,
         )
-        os.close(theirs)
+        os.close(terminal_of_shell)
         self.seen = ''
 
     def until(self, text: str) -> str:
@@ -150,8 +150,13 @@ def test_a_script_in_a_pipe_is_run(environment: dict[str, str], checkout: Path, 
     program = shutil.which(shell)
     if program is None:
         pytest.skip(f'{shell} is not installed')
-    done = run(environment | {'SHELL': program}, text='command -v python\nexit 4\n')
-    assert (done.returncode, done.stdout, done.stderr) == (4, f'{checkout}/.venv/bin/python\n', '')
+
+    process = run(environment | {'SHELL': program}, text='command -v python\nexit 4\n')
+    assert (process.returncode, process.stdout, process.stderr) == (
+        4,
+        f'{checkout}/.venv/bin/python\n',
+        '',
+    )
 
 
 @pytest.mark.parametrize('discovery', [None, 'SUBNET'])
@@ -165,11 +170,11 @@ def test_a_command_is_run_with_ros(
         'sys.exit(7)'
     )
     set_already = {'ROS_AUTOMATIC_DISCOVERY_RANGE': discovery} if discovery else {}
-    done = run(environment | set_already, 'python', '-c', script, 'a b', '*')
-    assert (done.returncode, done.stderr) == (7, '')
+    process = run(environment | set_already, 'python', '-c', script, 'a b', '*')
+    assert (process.returncode, process.stderr) == (7, '')
 
     share = f'{checkout}/.venv/share/barc_interfaces'
-    assert done.stdout == f"{share} {discovery or 'LOCALHOST'} ['-c', 'a b', '*']\n"
+    assert process.stdout == f"{share} {discovery or 'LOCALHOST'} ['-c', 'a b', '*']\n"
 
 
 @pytest.mark.parametrize(
@@ -179,6 +184,6 @@ def test_a_command_is_run_with_ros(
 def test_a_missing_command_is_named(
     environment: dict[str, str], words: tuple[str, ...], message: str
 ) -> None:
-    done = run(environment, *words)
-    assert (done.returncode, done.stdout) == (1, '')
-    assert done.stderr.startswith(f'barc_sim: {message}')
+    process = run(environment, *words)
+    assert (process.returncode, process.stdout) == (1, '')
+    assert process.stderr.startswith(f'barc_sim: {message}')

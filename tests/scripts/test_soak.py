@@ -25,7 +25,7 @@ LENGTH = [] if 'BARC_SIM_SOAK' in os.environ else ['--short']
 @pytest.mark.usefixtures('ros_domain')
 @pytest.mark.parametrize('ordeal', ['flood', 'kill', 'reset', 'signals'])
 def test_a_run_keeps_its_bounds_under_faults(ordeal: str) -> None:
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, str(ROOT / 'scripts' / 'soaking' / '_soak.py'), ordeal, *LENGTH],
         env=os.environ | {'PYTHONPATH': str(ROOT)},
         stdin=subprocess.DEVNULL,
@@ -33,7 +33,7 @@ def test_a_run_keeps_its_bounds_under_faults(ordeal: str) -> None:
         text=True,
         check=False,
     )
-    sys.stderr.write(done.stderr)  # shown where it fails
+    sys.stderr.write(process.stderr)  # shown where it fails
 
-    assert done.returncode == 0, done.stdout
-    assert 'BROKEN' not in done.stdout
+    assert process.returncode == 0, process.stdout
+    assert 'BROKEN' not in process.stdout

@@ -85,13 +85,13 @@ ACC = (
 
 def test_the_line_of_the_page_builds_package_and_messages(workspace: Path) -> None:
     assert run(workspace, line_of_page()).returncode == 0
-    done = run(workspace, ACC)
-    assert done.returncode == 0, done.stdout
-    assert 'ROS 2 (rclpy)' in done.stdout
+    process = run(workspace, ACC)
+    assert process.returncode == 0, process.stdout
+    assert 'ROS 2 (rclpy)' in process.stdout
 
 
 def test_a_plain_build_lacks_the_messages_and_the_error_has_the_line(workspace: Path) -> None:
     assert run(workspace, 'colcon build').returncode == 0
-    done = run(workspace, ACC)
-    assert done.returncode == 2, done.stdout
-    assert line_of_page() in done.stdout
+    process = run(workspace, ACC)
+    assert process.returncode == 2, process.stdout
+    assert line_of_page() in process.stdout

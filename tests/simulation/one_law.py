@@ -66,11 +66,11 @@ def of_simulate(vehicle: Vehicle, actuator: Actuator) -> list[float]:
 
 def of_sweep(vehicle: Vehicle, actuator: Actuator) -> list[float]:
     """Return scores of two gains on a road, and of two in a lap of a track."""
-    found = sweep(kp=[10.0, 30.0], vehicle=vehicle, distance=60.0)
+    table = sweep(kp=[10.0, 30.0], vehicle=vehicle, distance=60.0)
     laps = sweep(
         track='oval', laps=1, lane=LaneLQR(), q_e_y=[0.02, 0.05], vehicle=vehicle, servo=actuator
     )
-    scores = (found.rms_error, found.effort, laps.effort, laps.rms_e_y)
+    scores = (table.rms_error, table.effort, laps.effort, laps.rms_e_y)
     return [value for each in scores for value in each.tolist()]
 
 

@@ -89,13 +89,13 @@ def test_a_step_counts_in_whole_nanoseconds_as_the_nodes_rate_does() -> None:
 
 
 def assert_same(left: Log, right: Log) -> None:
-    for ours, theirs in zip(left.columns().values(), right.columns().values(), strict=True):
-        assert ours.tobytes() == theirs.tobytes()
+    for column, other_column in zip(left.columns().values(), right.columns().values(), strict=True):
+        assert column.tobytes() == other_column.tobytes()
 
 
 def test_keywords_make_plant_and_controller() -> None:
     vehicle = Vehicle(mass=1000.0)
-    ours = simulate(
+    log = simulate(
         10.0,
         20.0,
         0.5,
@@ -121,7 +121,7 @@ def test_keywords_make_plant_and_controller() -> None:
     )
     pid = speed_controller(10.0, 20.0, 0.5, limit=4.0)
 
-    assert_same(ours, closed_loop(plant, pid, speed_reference=5.0, distance=30.0))
+    assert_same(log, closed_loop(plant, pid, speed_reference=5.0, distance=30.0))
 
 
 def test_a_road_is_an_object_a_name_or_a_file(tmp_path: Path) -> None:
@@ -148,8 +148,8 @@ class LabPid:
 
 
 def test_a_controller_of_two_arguments_drives_within_the_limit_from_its_beginning() -> None:
-    own = LabPid()
-    first, second = simulate(controller=own), simulate(controller=own)
+    pid = LabPid()
+    first, second = simulate(controller=pid), simulate(controller=pid)
     assert first.x[-1] >= 180.0
     assert np.abs(first.motor).max() == 8.0
     assert_same(first, second)
@@ -190,11 +190,11 @@ def test_a_function_of_the_measured_place_is_a_reference(tmp_path: Path) -> None
 
 
 def test_a_constant_function_is_the_number() -> None:
-    made = partial(simulate, distance=30.0)
-    assert made(reference=lambda *_: 5.0) == made(speed_reference=5.0)
-    wind = made(disturbance=-900.0)
-    assert wind == made(disturbance=lambda *_: -900.0)
-    assert wind != made()
+    run = partial(simulate, distance=30.0)
+    assert run(reference=lambda *_: 5.0) == run(speed_reference=5.0)
+    wind = run(disturbance=-900.0)
+    assert wind == run(disturbance=lambda *_: -900.0)
+    assert wind != run()
 
 
 def test_a_late_sensor_makes_the_loop_overshoot() -> None:
@@ -320,7 +320,7 @@ def test_the_log_is_that_of_the_general_loop(
 ) -> None:
     starts = [sum(length for length, _ in stretches[:i]) for i in range(len(stretches))]
     road = Road(tuple(starts), tuple(grade for _, grade in stretches))
-    found = []
+    logs = []
     for make in (PID, General):
         plant = Plant(
             road=road,
@@ -333,17 +333,17 @@ def test_the_log_is_that_of_the_general_loop(
         plant.place(state)
         pid = make(*gains, output_min=low, output_max=high)
         log = closed_loop(plant, pid, speed_reference=reference, distance=20.0, max_duration=8.0)
-        found.append([each.tobytes() for each in log.columns().values()])
+        logs.append([each.tobytes() for each in log.columns().values()])
 
-    assert found[0] == found[1]
+    assert logs[0] == logs[1]
 
 
 def test_numbers_that_grow_without_bound_are_those_of_the_general_loop() -> None:
     controllers = [PID(), General()]
-    for each in controllers:
-        each.kp = -1e200
-    logs = [closed_loop(controller=each, max_duration=1.0) for each in controllers]
-    left, right = ([each.tobytes() for each in log.columns().values()] for log in logs)
+    for law in controllers:
+        law.kp = -1e200
+    logs = [closed_loop(controller=law, max_duration=1.0) for law in controllers]
+    left, right = ([law.tobytes() for law in log.columns().values()] for log in logs)
     assert left == right
 
 

@@ -77,10 +77,10 @@ def test_the_log_is_a_log_with_the_place_on_the_track(three: TrackLog) -> None:
     assert (half.distance == three.s[::2]).all()
     assert (half.across == three.e_y[::2]).all()
 
-    found = Track.named('L').frenet(three.x, three.y, three.psi, three.s)
-    assert np.abs(found.s - three.s).max() < 1e-9
-    assert np.abs(found.e_psi - three.e_psi).max() < 1e-9
-    assert (found.curvature == three.curvature).all()
+    places = Track.named('L').frenet(three.x, three.y, three.psi, three.s)
+    assert np.abs(places.s - three.s).max() < 1e-9
+    assert np.abs(places.e_psi - three.e_psi).max() < 1e-9
+    assert (places.curvature == three.curvature).all()
     assert three.to_frame().attrs['units']['curvature'] == '1/m'
 
 
@@ -117,9 +117,9 @@ def test_a_laws_own_terms_are_in_the_log() -> None:
         terms: Mapping[str, str] = {**LaneLQR.terms, 'calls': 'how many'}
         calls = 0
 
-        def steer_calculate(self, *seen: Any) -> float:  # noqa: ANN401
+        def steer_calculate(self, *arguments: Any) -> float:  # noqa: ANN401
             self.calls += 1
-            return super().steer_calculate(*seen)
+            return super().steer_calculate(*arguments)
 
     narrow = replace(Track.named('oval'), width=4.0)
     log = lap(Counting(), narrow, laps=1)
@@ -132,12 +132,12 @@ def test_a_laws_own_terms_are_in_the_log() -> None:
 
 def test_a_law_in_degrees_is_cut_at_the_limit_of_the_steering() -> None:
     class Degrees(LaneLQR):
-        def steer_calculate(self, *seen: Any) -> float:  # noqa: ANN401
-            return degrees(super().steer_calculate(*seen))
+        def steer_calculate(self, *arguments: Any) -> float:  # noqa: ANN401
+            return degrees(super().steer_calculate(*arguments))
 
     class Bare:  # as a student writes it: without a limit of its own
-        def steer_calculate(self, *seen: Any) -> float:  # noqa: ANN401
-            return Degrees().steer_calculate(*seen)
+        def steer_calculate(self, *arguments: Any) -> float:  # noqa: ANN401
+            return Degrees().steer_calculate(*arguments)
 
     for law in (Degrees(), Bare()):
         log = lap(law, laps=1)

@@ -39,13 +39,13 @@ def test_distance_and_speed_are_the_true_ones_behind_the_noise(log: Log, psi: fl
         road=Road.flat(), noise=NoiseLevels(s=2.0, ey=3.0, epsi=0.4, v_x=0.5, v_y=1.0, psi_dot=1.0)
     )
     plant.state = BicycleState(x=3.0, y=-4.0, psi=psi, v=5.0)
-    true, seen = [], []
+    true, observed = [], []
     for _ in range(len(log)):
         true.append(plant.state)
-        seen.append(plant.observe())
+        observed.append(plant.observe())
         plant.advance(Command(1.0))
-    measured = np.array([observation.measured for observation in seen]).T
-    errors = np.array([observation.error for observation in seen]).T
+    measured = np.array([observation.measured for observation in observed]).T
+    errors = np.array([observation.error for observation in observed]).T
     noisy = replace(
         log,
         **dict(zip(('x', 'y', 'psi', 'v_x', 'v_y', 'psi_dot'), measured, strict=True)),
@@ -62,18 +62,18 @@ def test_distance_and_speed_are_the_true_ones_behind_the_noise(log: Log, psi: fl
 
 def messages() -> dict[str, dict[str, str]]:
     """Return, by topic, the units of the fields as the .msg files have them in their comments."""
-    found = {}
+    by_topic = {}
     for topic, kind in LOG_TYPES.items():
         text = (MSG / f'{kind.rpartition("/")[2]}.msg').read_text('utf-8')
         lines = re.findall(r'^(?:float64|bool) +(\w+) +# (?:\[(.*?)\])?', text, re.MULTILINE)
-        found[topic] = {name: unit.replace('^2', '²') for name, unit in lines}
-    return found
+        by_topic[topic] = {name: unit.replace('^2', '²') for name, unit in lines}
+    return by_topic
 
 
 def test_each_column_has_the_unit_of_its_field_in_the_message() -> None:
     fields = messages()
-    found = {(column.topic, column.field, column.unit) for column in COLUMNS.values()}
-    for topic, field, unit in found:
+    described = {(column.topic, column.field, column.unit) for column in COLUMNS.values()}
+    for topic, field, unit in described:
         if topic:
             assert fields[topic][field] == unit, (topic, field)
     for topic in (STATE, STATE_ERROR, ECU, ENVIRONMENT):

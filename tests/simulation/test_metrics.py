@@ -123,8 +123,8 @@ def test_overshoot_is_how_far_the_speed_passes_the_reference(
 def test_settling_time_is_when_the_speed_stays_within_the_band(
     speed: list[float], options: dict[str, Any], settling_time: float
 ) -> None:
-    found = summary(run(speed, **options)).settling_time
-    assert found == pytest.approx(settling_time, nan_ok=True)
+    seconds = summary(run(speed, **options)).settling_time
+    assert seconds == pytest.approx(settling_time, nan_ok=True)
 
 
 # Stretches
@@ -177,8 +177,8 @@ def test_run_without_states_or_reference_has_no_figures_but_its_stretches(log: L
     figures = replace(totals, missed_deadlines=0, stretches=())
     assert all(isnan(figure) for figure in vars(figures).values() if isinstance(figure, float))
     assert totals.missed_deadlines == 0
-    found = [(part.start, part.end, part.theta_deg) for part in totals.stretches]
-    assert found == ([(20.0, 21.0, 0.0)] if len(log) else [])
+    places = [(part.start, part.end, part.theta_deg) for part in totals.stretches]
+    assert places == ([(20.0, 21.0, 0.0)] if len(log) else [])
     assert all(isnan(part.rms_error) and isnan(part.max_error) for part in totals.stretches)
 
 
@@ -203,11 +203,11 @@ def test_each_lap_has_the_figures_of_a_run_of_its_own() -> None:
     assert facts['count'] == 3
 
     for name, log, number in (('current', tuned, 2), ('last', weak, 1), ('best', tuned, 0)):
-        found = summary(log)
+        totals = summary(log)
         assert facts[name]['number'] == number
-        assert facts[name]['rms'] == pytest.approx(found.rms_error_after_run_up)
-        assert facts[name]['maximum'] == pytest.approx(found.max_error_after_run_up)
-        assert facts[name]['overshoot'] == pytest.approx(found.overshoot)
+        assert facts[name]['rms'] == pytest.approx(totals.rms_error_after_run_up)
+        assert facts[name]['maximum'] == pytest.approx(totals.max_error_after_run_up)
+        assert facts[name]['overshoot'] == pytest.approx(totals.overshoot)
     assert [stretch['theta_deg'] for stretch in stretch_facts(laps.current)][:2] == [0.0, 10.0]
 
 
@@ -294,10 +294,10 @@ def test_gains_are_shown_and_other_parameters_where_they_were_changed() -> None:
         'vehicle_simulator.noise_v_x': np.where(np.arange(n) < n // 2, 0.0, 0.1),
         'controller.lane.k': np.full(n, 1.0),
     }
-    found = replace(log, parameters=parameters)
-    assert [*settings_of(found)] == ['kp', 'ki', 'noise_v_x']
-    assert changes_of(found) == {'noise_v_x': 'noise_v_x 0 → 0.1'}
-    assert lap_settings_of(found, [0] * n).text(0) == 'kp 2, ki 3, noise_v_x 0 → 0.1'
+    with_parameters = replace(log, parameters=parameters)
+    assert [*settings_of(with_parameters)] == ['kp', 'ki', 'noise_v_x']
+    assert changes_of(with_parameters) == {'noise_v_x': 'noise_v_x 0 → 0.1'}
+    assert lap_settings_of(with_parameters, [0] * n).text(0) == 'kp 2, ki 3, noise_v_x 0 → 0.1'
 
     many = {f'controller.k_{k}': np.full(n, 1.0) for k in range(5)}
     many['controller.k_1'] = np.linspace(0.0, 1.0, n)

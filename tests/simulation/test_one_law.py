@@ -71,7 +71,7 @@ def figures(
 ) -> dict[str, list[float]]:
     """Return the figures of each part, of a package."""
     folder.mkdir()
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, str(PROGRAM), str(friction), str(lag)],
         cwd=folder,
         env=os.environ | {'PYTHONPATH': str(package.parent), 'XDG_CACHE_HOME': str(folder)},
@@ -80,9 +80,9 @@ def figures(
         timeout=300.0,
         check=False,
     )
-    assert done.returncode == 0, done.stderr
-    found: dict[str, list[float]] = json.loads(done.stdout)
-    return found
+    assert process.returncode == 0, process.stderr
+    by_part: dict[str, list[float]] = json.loads(process.stdout)
+    return by_part
 
 
 @pytest.fixture(scope='module')
@@ -105,11 +105,11 @@ def test_a_change_of_a_law_changes_every_part(
     assert text.count(change.line) == 1
     source.write_text(text.replace(change.line, change.changed), encoding='utf-8')
 
-    found = figures(tmp_path / 'changed', package)
-    assert [part for part in usual if found[part] != usual[part]] == [
+    after = figures(tmp_path / 'changed', package)
+    assert [part for part in usual if after[part] != usual[part]] == [
         part for part in usual if part in change.parts
     ]
     if (change.friction, change.lag) != (FRICTION, LAG):
         expected = figures(tmp_path / 'expected', PACKAGE, change.friction, change.lag)
         for part in WITH_PARAMETERS:
-            assert found[part] == pytest.approx(expected[part], rel=1e-6, abs=1e-9), part
+            assert after[part] == pytest.approx(expected[part], rel=1e-6, abs=1e-9), part

@@ -80,7 +80,7 @@ def test_the_log_of_a_rollout_is_that_of_the_general_loop(
 ) -> None:
     limits = {'output_min': -8.0, 'output_max': 8.0}
     assert plant.has_fast_path
-    found = pid_log(plant, PID(**values, **limits), reference, 40.0, STEPS)
+    log = pid_log(plant, PID(**values, **limits), reference, 40.0, STEPS)
     expected = closed_loop(
         plant,
         General(**values, **limits),
@@ -89,7 +89,7 @@ def test_the_log_of_a_rollout_is_that_of_the_general_loop(
         max_duration=STEPS * plant.ts,
     )
 
-    assert columns(found) == columns(expected)
+    assert columns(log) == columns(expected)
 
 
 def states(plant: Plant, values: dict[str, float], *, is_array: bool) -> Trace:
@@ -109,9 +109,9 @@ def states(plant: Plant, values: dict[str, float], *, is_array: bool) -> Trace:
 def test_the_states_of_compiled_code_are_those_of_python(
     plant: Plant, values: dict[str, float]
 ) -> None:
-    found = states(plant, values, is_array=True)
+    compiled_states = states(plant, values, is_array=True)
     expected = states(plant, values, is_array=False)
-    assert [np.asarray(column, np.float64).tobytes() for column in found] == [
+    assert [np.asarray(column, np.float64).tobytes() for column in compiled_states] == [
         np.array(column, np.float64).tobytes() for column in expected
     ]
 
@@ -126,8 +126,8 @@ def test_the_states_of_compiled_code_are_those_of_python(
 )
 def test_the_scores_are_those_of_the_summary(options: dict[str, Any]) -> None:
     swept = np.array([[10.0, 20.0, 0.0], [30.0, 200.0, 0.1], [0.0, 0.0, 0.0]])
-    found = scores_of_gains(Plant(**options), swept, 8.0, 8.0, 60.0, 1500)
-    for row, (kp, ki, kd) in zip(found[:2], swept[:2], strict=True):
+    scores = scores_of_gains(Plant(**options), swept, 8.0, 8.0, 60.0, 1500)
+    for row, (kp, ki, kd) in zip(scores[:2], swept[:2], strict=True):
         pid = PID(kp, ki, kd, output_min=-8.0, output_max=8.0)
         log = closed_loop(Plant(**options), pid, distance=60.0)
         expected = summary(log)
@@ -140,7 +140,7 @@ def test_the_scores_are_those_of_the_summary(options: dict[str, Any]) -> None:
             ]
         )
 
-    assert np.isinf(found[2]).all()  # it never arrives
+    assert np.isinf(scores[2]).all()  # it never arrives
 
 
 def test_many_gains_are_those_of_each_alone() -> None:

@@ -132,9 +132,9 @@ class Nodes:
             self.commands.append(command)
             assert self.stepper.take_command(command, self.stepper.stamp) is None
 
-    def publish_state(self, _: float, seen: Observation, __: int) -> None:
+    def publish_state(self, _: float, observation: Observation, __: int) -> None:
         """Keep what is measured."""
-        self.seen.append(seen.measured)
+        self.seen.append(observation.measured)
 
     def publish_applied(self, *_: object, **__: object) -> None:
         """Drop it."""

@@ -60,9 +60,9 @@ def test_simulate_has_the_fields_as_arguments_with_their_defaults() -> None:
     arguments = signature(simulate).parameters
     assert set(FIELDS) - set(arguments) == {'motor', 'laps'}
     assert set(arguments) - set(FIELDS) == {'scenario'}
-    for each in fields(Scenario):
-        if each.name in arguments:
-            assert arguments[each.name].default == each.default, each.name
+    for field in fields(Scenario):
+        if field.name in arguments:
+            assert arguments[field.name].default == field.default, field.name
 
 
 def test_a_scenario_gives_the_run_of_its_fields() -> None:
@@ -97,9 +97,9 @@ def test_a_run_stops_at_the_first_of_its_ends() -> None:
 
 def test_a_sweep_takes_a_scenario() -> None:
     scenario = Scenario(kp=20.0, noise=0.05, seed=2, distance=40.0, max_duration=30.0)
-    found = sweep(ki=[10.0, 20.0], scenario=scenario)
+    table = sweep(ki=[10.0, 20.0], scenario=scenario)
     same = sweep(20.0, [10.0, 20.0], noise=0.05, seed=2, distance=40.0, max_duration=30.0)
-    assert found.tolist() == same.tolist()
+    assert table.tolist() == same.tolist()
     by_law = sweep(speed_weight=[100.0], scenario=replace(scenario, kp=None, controller=LQR()))
     assert by_law.speed_weight.tolist() == [100.0]
 
@@ -111,8 +111,8 @@ def test_a_file_is_read_once(tmp_path: Path) -> None:
     speed.write_text('distance_m,speed_mps\n0,5\n', 'utf-8')
     scenario = Scenario(road=road, disturbance=wind, reference=str(speed), distance=20.0)
     expected = simulate(road=road, disturbance=wind, reference=speed, distance=20.0)
-    for each in (road, wind, speed):
-        each.unlink()
+    for file in (road, wind, speed):
+        file.unlink()
     again = pickle.loads(pickle.dumps(replace(scenario, seed=1)))  # noqa: S301 (our own)
 
     assert again == replace(scenario, seed=1) != scenario
@@ -140,9 +140,12 @@ def test_a_delay_is_that_of_both_actuators_unless_one_is_given() -> None:
 
     assert actuators(delay=0.1) == (Actuator(delay=0.1), Actuator())
     assert actuators(delay=0.1, track='L') == (Actuator(delay=0.1), SERVO._replace(delay=0.1))
-    own = Actuator(lag=0.3)
-    assert actuators(delay=0.1, track='L', servo=own) == (Actuator(delay=0.1), own)
-    assert actuators(motor=own, track='L') == (own, SERVO)
+    motor_actuator = Actuator(lag=0.3)
+    assert actuators(delay=0.1, track='L', servo=motor_actuator) == (
+        Actuator(delay=0.1),
+        motor_actuator,
+    )
+    assert actuators(motor=motor_actuator, track='L') == (motor_actuator, SERVO)
 
 
 @pytest.mark.parametrize(

@@ -110,8 +110,8 @@ class Engine:
             wall_clock=lambda: self.wall,
         )
 
-    def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
-        self.published.append((t, seen, stamp_ns))
+    def publish_state(self, t: float, observation: Observation, stamp_ns: int) -> None:
+        self.published.append((t, observation, stamp_ns))
 
     def publish_applied(self, command: Command, stamp_ns: int, *, missed: bool) -> None:
         self.applied.append((command, stamp_ns, missed))
@@ -124,8 +124,8 @@ class Engine:
             self.stepper.take_command(*self.late.pop(0))
         self.stepper.decide()
 
-    def prepare_start(self, why: str) -> None:
-        self.log.append(why)
+    def prepare_start(self, reason: str) -> None:
+        self.log.append(reason)
         self.starts += 1
 
     def finish(self) -> None:
@@ -282,8 +282,8 @@ def test_answer_that_waits_for_its_delivery_is_not_missed() -> None:
 )
 def test_command_that_is_not_finite_or_out_of_range_is_refused(command: Command) -> None:
     engine = lock_step()
-    why = engine.stepper.take_command(command, START)
-    assert why == (
+    reason = engine.stepper.take_command(command, START)
+    assert reason == (
         f'a command beyond ±100 m/s² or ±1.5 rad: {float(command.motor)}, {float(command.servo)}'
     )
     assert engine.stepper.states == 1
@@ -305,7 +305,7 @@ def test_run_ends_with_the_answer_to_the_first_state_beyond_the_distance() -> No
     assert engine.stepper.phase is Phase.FINISHED
     assert engine.ends == 1
 
-    xs = [seen.true.x for _, seen, _ in engine.published]
+    xs = [observation.true.x for _, observation, _ in engine.published]
     assert xs[-2] < 0.001 <= xs[-1]
 
     engine.stepper.take_command(Command(8.0), 0)
@@ -341,7 +341,9 @@ def test_lap_begins_as_after_a_reset_and_the_last_ends_the_run(reset_first: bool
     assert (engine.stepper.phase, engine.ends, engine.stepper.laps) == (Phase.FINISHED, 1, 2)
 
     lap, next_lap = engine.published[first:second], engine.published[second:]
-    assert [(t, seen) for t, seen, _ in lap] == [(t, seen) for t, seen, _ in next_lap]
+    assert [(t, observation) for t, observation, _ in lap] == [
+        (t, observation) for t, observation, _ in next_lap
+    ]
 
     stamps = [stamp for *_, stamp in engine.published]
     assert stamps == [START + k * PERIOD for k in range(len(stamps))]
@@ -362,7 +364,7 @@ def test_change_of_the_plant_takes_effect_with_the_next_step() -> None:
     engine.stepper.retune(Scenario.of_parameters(slow, road=Road.flat()))
     for _ in range(4):
         engine.answer(5.0)
-    speeds = [seen.true.v_x for _, seen, _ in engine.published]
+    speeds = [observation.true.v_x for _, observation, _ in engine.published]
     assert speeds[:3] == [0.0, 0.0, 0.0]
     assert 0.0 < speeds[3] < speeds[4]
 
@@ -515,8 +517,8 @@ def test_reset_of_an_answered_state_starts_again_with_later_stamps(factor: float
 
     engine.stepper.pause(on=False)
     engine.stepper.start()
-    t, seen, stamp = engine.published[-1]
-    assert (t, seen.true.x, stamp) == (0.0, 0.0, before + PERIOD)
+    t, observation, stamp = engine.published[-1]
+    assert (t, observation.true.x, stamp) == (0.0, 0.0, before + PERIOD)
     assert engine.stepper.states == 7
 
 
@@ -564,10 +566,10 @@ def test_an_initial_pose_is_the_start_of_the_run_that_follows() -> None:
     plant = Plant(road=Road.flat())
     plant.place(place)
     for _ in range(10):
-        t, seen, stamp = engine.published[-1]
+        t, observation, stamp = engine.published[-1]
         k = len(engine.published) - 1
         assert (t, stamp) == (pytest.approx((k - first) * 0.02), START + k * PERIOD)
-        assert seen == plant.observe()
+        assert observation == plant.observe()
         engine.answer(2.0)
         plant.advance(Command(2.0))
 
@@ -658,8 +660,8 @@ class AnyEvents(RuleBasedStateMachine):
     @rule()
     def single_step(self) -> None:
         before = self.stepper.states
-        done, _ = self.stepper.single_step()
-        assert self.stepper.states <= before + done
+        is_taken, _ = self.stepper.single_step()
+        assert self.stepper.states <= before + is_taken
 
     @rule()
     def reset(self) -> None:

@@ -33,7 +33,7 @@ BOUNDS = [
 
 def test_defaults_are_the_labs_and_the_documented_ones() -> None:
     lab = {'mass': 2000.0, 'air_drag_coeff': 0.01308, 'friction': 0.01711, 'l_f': 1.5, 'l_r': 1.5}
-    ours = {
+    documented = {
         'gravity': 9.8,
         'rate': 50.0,
         'road': 'lab',
@@ -45,9 +45,9 @@ def test_defaults_are_the_labs_and_the_documented_ones() -> None:
         'rear_stiffness': 160e3,
         'dynamic_above': 3.0,
     }
-    off = {name: value for name, value in DEFAULTS.items() if name not in lab | ours}
+    off = {name: value for name, value in DEFAULTS.items() if name not in lab | documented}
 
-    assert lab | ours | off == DEFAULTS
+    assert lab | documented | off == DEFAULTS
     assert set(off) == LIVE
     assert not any(off.values())
 
@@ -60,9 +60,9 @@ def plant(values: dict[str, Any]) -> Plant:
 def test_car_drives_at_each_bound(name: str, bound: float) -> None:
     car = plant(DEFAULTS | {name: bound})
     for _ in range(20):
-        seen = car.observe()
+        observation = car.observe()
         car.advance(Command(1.0, 0.1))
-    assert all(map(isfinite, (*car.state, *seen.measured, *seen.surroundings)))
+    assert all(map(isfinite, (*car.state, *observation.measured, *observation.surroundings)))
 
 
 def test_live_parameters_change_a_car_that_drives() -> None:
@@ -94,7 +94,7 @@ def test_a_new_parameter_of_the_car_needs_one_line(tmp_path: Path) -> None:
 
     # Beside the copy of the package, which it imports.
     program = shutil.copy(PRINT_PAYLOAD, tmp_path)
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, program],
         capture_output=True,
         text=True,
@@ -102,8 +102,8 @@ def test_a_new_parameter_of_the_car_needs_one_line(tmp_path: Path) -> None:
         timeout=200,
     )
 
-    assert done.stderr == ''
-    assert done.stdout.splitlines() == [
+    assert process.stderr == ''
+    assert process.stdout.splitlines() == [
         '(0.0, 500.0) kg',
         '5.0',
         '(1500.0, 1.5)',

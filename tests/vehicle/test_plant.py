@@ -59,9 +59,9 @@ def drive(actuator: Actuator, commands: list[float], ts: float = TS) -> list[tup
 def test_an_ideal_actuator_acts_as_commanded(motor: float, servo: float) -> None:
     command = Command(motor, servo)
     plant = Plant()
-    acting, held = move_actuators(plant.model, plant.now, plant.waiting, command, 0.0)
+    acting, held_command = move_actuators(plant.model, plant.now, plant.waiting, command, 0.0)
     # As text: not even the sign of a zero may change.
-    assert repr(acting) == repr(held) == repr(command)
+    assert repr(acting) == repr(held_command) == repr(command)
 
 
 # Delay
@@ -200,8 +200,8 @@ def test_errors_are_the_same_with_every_python_and_numpy() -> None:
 
 def test_errors_that_are_drawn_at_once_are_those_of_single_measurements() -> None:
     sensor = Sensor(NOISY, 5)
-    drawn = sensor.errors(200)
-    assert drawn.tolist() == [[*each] for each in errors(sensor, 200)]
+    errors_at_once = sensor.errors(200)
+    assert errors_at_once.tolist() == [[*each] for each in errors(sensor, 200)]
 
 
 @pytest.mark.parametrize('off', MeasurementError._fields)
@@ -219,19 +219,19 @@ def at(k: int) -> VehicleState:
 
 
 def measurements(sensor: Sensor, steps: range) -> list[tuple[VehicleState, MeasurementError]]:
-    found = []
+    results = []
     for k in steps:
-        found.append(sensor.measure(at(k)))
+        results.append(sensor.measure(at(k)))
         sensor.remember(at(k))
-    return found
+    return results
 
 
 @pytest.mark.parametrize(('delay', 'steps'), [(0.04, 2.0), (0.05, 2.5), (0.001, 0.05), (0.02, 1.0)])
 def test_a_late_measurement_is_that_of_before(delay: float, steps: float) -> None:
-    found = measurements(Sensor(delay=delay, ts=TS), range(40))
-    assert found[0] == (at(0), MeasurementError())
+    late = measurements(Sensor(delay=delay, ts=TS), range(40))
+    assert late[0] == (at(0), MeasurementError())
 
-    for k, (measured, error) in enumerate(found):
+    for k, (measured, error) in enumerate(late):
         if k > steps:
             share = steps % 1.0
             newer, older = at(k - int(steps)), at(k - int(steps) - 1)
@@ -300,9 +300,9 @@ def plant_at(state: BicycleState, *, noise: NoiseLevels | None = None, seed: int
 
 
 def test_observation_has_road_and_forces_where_the_vehicle_is() -> None:
-    seen = plant_at(STATE).observe()
-    assert seen.surroundings.theta == -7.0
-    assert seen.surroundings == surroundings(6.0, HILL.at(25.0), VEHICLE)
+    observation = plant_at(STATE).observe()
+    assert observation.surroundings.theta == -7.0
+    assert observation.surroundings == surroundings(6.0, HILL.at(25.0), VEHICLE)
 
 
 @pytest.mark.parametrize(('x', 'grade_deg'), [(19.9, 5.0), (20.0, -7.0)])
@@ -331,23 +331,25 @@ def test_another_model_is_stepped_in_the_place_of_the_labs() -> None:
 def test_velocities_are_observed_under_the_steering_that_acts_not_under_the_command() -> None:
     plant = Plant(servo=Actuator(delay=0.02, rate=1.0))
     plant.state = BicycleState(v=6.0)
-    told = []
+    angles = []
     for _ in range(3):
         plant.advance(Command(0.0, 0.3))
-        seen = plant.observe()
-        assert seen.true == motion(plant.state, seen.acting.servo, plant.vehicle)
-        told.append(seen.acting.servo)
+        observation = plant.observe()
+        assert observation.true == motion(plant.state, observation.acting.servo, plant.vehicle)
+        angles.append(observation.acting.servo)
 
-    assert told == pytest.approx([0.0, 0.02, 0.04])
+    assert angles == pytest.approx([0.0, 0.02, 0.04])
 
 
 def test_a_placed_car_forgets_its_delayed_commands() -> None:
     plant, fresh = Plant(**ALL_ON), Plant(**ALL_ON)
     for _ in range(50):
         plant.advance(Command(4.0, 0.2))
+
     for car in (plant, fresh):
         car.place(BicycleState(x=1.0, v=9.0))
         assert car.observe().acting == Command()
+
     for _ in range(20):
         plant.advance(Command())
         fresh.advance(Command())
@@ -417,8 +419,8 @@ def test_a_force_accelerates_by_its_share_of_the_mass(options: dict[str, str]) -
 
 
 def test_a_disturbance_is_that_of_the_time_and_the_place() -> None:
-    asked = []
-    plant = Plant(ts=0.5, disturbance=lambda t, x: asked.append((t, x)) or 0.0)  # type: ignore[func-returns-value]
+    questions = []
+    plant = Plant(ts=0.5, disturbance=lambda t, x: questions.append((t, x)) or 0.0)  # type: ignore[func-returns-value]
     for _ in range(3):
         plant.advance(Command(2.0))
-    assert asked == [(0.0, 0.0), (0.5, 0.0), (1.0, pytest.approx(0.5, abs=1e-4))]
+    assert questions == [(0.0, 0.0), (0.5, 0.0), (1.0, pytest.approx(0.5, abs=1e-4))]

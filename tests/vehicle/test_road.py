@@ -80,9 +80,9 @@ def test_arrays_make_a_road_and_are_places_on_it() -> None:
     assert road == Road((0.0, 10.0, 20.0, 30.0), (0.0, 5.0, -3.0, 0.0))
     places = np.array([[-5.0, 0.0, 10.0], [19.5, 30.0, 300.0]])
     for method in (road.grade_deg, road.elevation, road.horizontal):
-        found = method(places)
-        assert found.shape == places.shape
-        assert found.ravel().tolist() == [method(s) for s in places.ravel().tolist()]
+        results = method(places)
+        assert results.shape == places.shape
+        assert results.ravel().tolist() == [method(s) for s in places.ravel().tolist()]
 
 
 @pytest.mark.parametrize('road', [Road.lab(), Road.flat(), Road((5.0, 9.0), (20.0, -40.0))])
@@ -180,8 +180,8 @@ def test_way_on_the_map_and_climb_are_never_longer_than_the_way(s: float, ds: fl
         assert way == pytest.approx(ds, abs=1e-9)
 
 
-def force(given: object) -> Signal:
-    return signal(given, ROWS['disturbance'], 'force_n')
+def force(source: object) -> Signal:
+    return signal(source, ROWS['disturbance'], 'force_n')
 
 
 @pytest.mark.parametrize(

@@ -46,12 +46,12 @@ def test_place_and_frenet_are_inverse_also_where_the_track_meets_itself(name: st
     true, near = random_poses(track)
     poses = track.place(*true[:3])
     many = track.frenet(*poses, near)
-    rows = zip(*(each.tolist() for each in (*poses, near)), strict=True)  # type: ignore[attr-defined]
-    each = np.array([track.frenet(x, y, psi, at) for x, y, psi, at in rows]).T
-    for found in (many, each):
-        for ours, expected in zip(found[:3], true[:3], strict=True):
-            assert np.abs(ours - np.asarray(expected)).max() < 1e-12
-    assert (each[3] == many.curvature).all()
+    rows = zip(*(one_by_one.tolist() for one_by_one in (*poses, near)), strict=True)  # type: ignore[attr-defined]
+    one_by_one = np.array([track.frenet(x, y, psi, at) for x, y, psi, at in rows]).T
+    for frenet_places in (many, one_by_one):
+        for column, expected in zip(frenet_places[:3], true[:3], strict=True):
+            assert np.abs(column - np.asarray(expected)).max() < 1e-12
+    assert (one_by_one[3] == many.curvature).all()
 
     places = np.array([track.place(s, 1.0, 0.2) for s in near[:50].tolist()])
     assert np.abs(places - np.array(track.place(near[:50], 1.0, 0.2)).T).max() < 1e-12
@@ -65,12 +65,12 @@ def test_without_a_place_nearby_the_nearest_part_counts(name: str) -> None:
     track = Track.named(name)
     true, _ = random_poses(track)
     poses = track.place(*true[:3])
-    found = track.frenet(*poses)
+    nearest = track.frenet(*poses)
     at_most = np.minimum(np.abs(true.e_y), 0.5 * track.width)
-    assert (np.abs(found.e_y) <= at_most + 1e-9).all()
+    assert (np.abs(nearest.e_y) <= at_most + 1e-9).all()
 
     rows = zip(*(each[:200].tolist() for each in poses), strict=True)  # type: ignore[index]
-    for row, s in zip(rows, found.s.tolist(), strict=False):  # type: ignore[attr-defined]
+    for row, s in zip(rows, nearest.s.tolist(), strict=False):  # type: ignore[attr-defined]
         assert track.frenet(*row).s == pytest.approx(s, abs=1e-9)
 
 
@@ -79,9 +79,9 @@ def test_an_arc_is_a_circle_and_s_grows_over_the_finish_line() -> None:
     near = 0.0
     for k in range(400):
         angle = 0.02 * k
-        found = track.frenet(18.0 * sin(angle), 20.0 - 18.0 * cos(angle), angle, near)
-        assert found == pytest.approx((20.0 * angle, 2.0, 0.0, 0.05), abs=1e-9)
-        near = found.s
+        place = track.frenet(18.0 * sin(angle), 20.0 - 18.0 * cos(angle), angle, near)
+        assert place == pytest.approx((20.0 * angle, 2.0, 0.0, 0.05), abs=1e-9)
+        near = place.s
     assert near > track.length
 
 
@@ -116,8 +116,8 @@ def test_arcs_are_fitted_to_a_centre_line(tmp_path: Path) -> None:
     assert track.is_closed
     assert (track.width, len(track.lengths) < 100) == (8.0, True)
 
-    found = track.frenet(x, y, np.zeros(400))
-    assert track.deviation == pytest.approx(np.abs(found.e_y).max(), abs=1e-6)
+    places = track.frenet(x, y, np.zeros(400))
+    assert track.deviation == pytest.approx(np.abs(places.e_y).max(), abs=1e-6)
     assert track.deviation < 0.051
 
     speeds = np.hypot(np.diff(x, append=x[0]), np.diff(y, append=y[0]))

@@ -22,16 +22,16 @@ if TYPE_CHECKING:
 RUN = (30.0, 200.0, 0.1)
 
 
-def driven(code: LocalCode, gains: Gains) -> Finding:
-    chosen = ChosenGains(*gains, 'the test')
+def judge_drive(code: LocalCode, gains: Gains) -> Finding:
+    chosen_gains = ChosenGains(*gains, 'the test')
     try:
-        return Finding('loop.lab_road', *judge_lab_road(code, chosen, Thresholds()))
+        return Finding('loop.lab_road', *judge_lab_road(code, chosen_gains, Thresholds()))
     except UserError as error:
         return Finding('loop.lab_road', 0.0, str(error))
 
 
 def test_the_message_names_the_worst_stretch(lab: Lab, controller: str) -> None:
-    finding = driven(lab(controller=controller), (2.0, 0.0, 0.0))
+    finding = judge_drive(lab(controller=controller), (2.0, 0.0, 0.0))
     assert 0.0 < finding.score < 1.0
     assert finding.message.startswith('RMS error 1.')
     assert 'From 100 m on, at 30°: 2.44 m/s too slow' in finding.message
@@ -39,14 +39,14 @@ def test_the_message_names_the_worst_stretch(lab: Lab, controller: str) -> None:
 
 def test_a_failure_on_the_way_gets_zero(lab: Lab, controller: str) -> None:
     text = controller.replace('dt = 0.02', 'dt = 0.02 if speed_current < 3 else None')
-    finding = driven(lab(controller=text), RUN)
+    finding = judge_drive(lab(controller=text), RUN)
     assert finding.score == 0.0
     assert 'TypeError' in finding.message
 
 
 def test_a_car_that_drives_backwards_has_a_hint(lab: Lab, controller: str) -> None:
     text = replaced(controller, ('max(-8.0, min(8.0, output))', 'output'))
-    finding = driven(lab(controller=text), (-50.0, 0.0, 0.0))
+    finding = judge_drive(lab(controller=text), (-50.0, 0.0, 0.0))
     assert finding.score == 0.0
     assert 'the car drives backwards: is the error speed_reference - speed_current?' in (
         finding.message

@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from barc_sim.lab.law import Law
 
 
-def drawn(law: Law) -> dict[str, Any]:
+def inputs_of(law: Law) -> dict[str, Any]:
     """Return inputs of all situations of a law."""
     every = [each.inputs(7, 40) for section in law.situations.values() for each in section]
     return {name: np.concatenate([each[name] for each in every]) for name in every[0]}
 
 
-INPUTS = drawn(BIKE)
+INPUTS = inputs_of(BIKE)
 STATES = [dict(zip(INPUTS, row, strict=True)) for row in np.array([*INPUTS.values()]).T.tolist()]
 EXPECTED = dict(zip(EQUATIONS, np.array([bikeFE(**state) for state in STATES]).T, strict=True))
 
@@ -47,10 +47,10 @@ def test_without_a_mistake_each_equation_is_barc_sims(name: str) -> None:
 def test_a_mistake_is_named_where_it_changes_a_result(
     functions: Functions, mistake: Mistake
 ) -> None:
-    law, inputs = functions.law, drawn(functions.law)
-    right, made = law.compute(inputs), law.compute(inputs, mistake.formulas)
+    law, inputs = functions.law, inputs_of(functions.law)
+    right, wrong_results = law.compute(inputs), law.compute(inputs, mistake.formulas)
     cases = {
-        name: (inputs, np.broadcast_to(made[name], right[name].shape))
+        name: (inputs, np.broadcast_to(wrong_results[name], right[name].shape))
         for name in functions.criteria
     }
     wrong = [name for name, (_, got) in cases.items() if not close(got, right[name])]
@@ -69,8 +69,8 @@ CALLS |= {name: np.array([[0.5], [3.0]]) for name in ('kp', 'ki', 'kd')}
 
 @pytest.mark.parametrize('mistake', PID_LAW.mistakes, ids=lambda mistake: mistake.sentence[:60])
 def test_a_mistake_is_named_where_it_changes_a_term(mistake: Mistake) -> None:
-    made = PID_LAW.compute(CALLS, mistake.formulas)
-    got = {name: np.broadcast_to(made[name], ROWS[0].shape) for name in 'PID'}
+    wrong_results = PID_LAW.compute(CALLS, mistake.formulas)
+    got = {name: np.broadcast_to(wrong_results[name], ROWS[0].shape) for name in 'PID'}
     wrong = [
         name for name in 'PID' if not factor_of(Trial('', '', '', CALLS, {}, {name: got[name]}))
     ]

@@ -105,9 +105,9 @@ def test_a_right_controller_gets_full_marks(lab: Lab, controller: str, name: str
 
 def test_the_same_seed_gives_the_same_findings(lab: Lab, model: str, controller: str) -> None:
     code = lab(model.replace('sin(theta)', 'sin(theta)**3'), controller.replace('0.02', '0.03'))
-    some = ('model.v', 'pid.integral')
-    one, again, other = (HILLS.judge(code, Settings(seed=k, criteria=some)) for k in (3, 3, 4))
-    assert one == again != other
+    names = ('model.v', 'pid.integral')
+    first, again, other = (HILLS.judge(code, Settings(seed=k, criteria=names)) for k in (3, 3, 4))
+    assert first == again != other
 
 
 def test_a_missing_file_is_skipped_and_gets_no_points(lab: Lab, model: str) -> None:
@@ -125,6 +125,7 @@ def test_a_function_that_returns_one_number_is_judged(tmp_path: Path) -> None:
     functions = Functions(
         law, results={'command': ('command',)}, criteria={'command': 'stop.command'}, count=10
     )
+
     with JudgedCode(tmp_path, ProcessLimits(confined=False)) as code:
         findings, _ = functions.judge(code, seed=0)
     assert [each.message for each in findings] == ['right in all 10 cases']

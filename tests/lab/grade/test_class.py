@@ -52,8 +52,8 @@ def students(tmp_path: Path) -> list[Student]:
 def test_a_folder_belongs_to_a_student_by_id_or_name(
     students: list[Student], folder: str, name: str | None
 ) -> None:
-    found = owner(folder, students)
-    assert (found and found.name) == name
+    student = owner(folder, students)
+    assert (student and student.name) == name
 
 
 def test_rosters_of_canvas_and_gradescope_are_read(tmp_path: Path) -> None:
@@ -124,18 +124,18 @@ def test_grading_again_keeps_the_points_by_hand(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(command, 'processes', ThreadPoolExecutor)  # which start at once
-    made, out = tmp_path / 'in', tmp_path / 'out'
+    submissions, out = tmp_path / 'in', tmp_path / 'out'
     rubric = tmp_path / 'rubric.yaml'
     rubric.write_text('title: Lab\ncriteria: {model.y: 2}\ntask_3: {relay.rate: 3}\n')
     (tmp_path / 'roster.csv').write_text(ROSTER, encoding='utf-8')
     for name in (FIRST, AGAIN, BOB):
-        (made / name).mkdir(parents=True)
-        (made / name / 'bike_model.py').write_text(MODEL.format('x'))
+        (submissions / name).mkdir(parents=True)
+        (submissions / name / 'bike_model.py').write_text(MODEL.format('x'))
 
     def grade() -> dict[str, dict[str, str]]:
         options = ['--rubric', str(rubric), '--out', str(out), '--jobs', '1']
         options += ['--roster', str(tmp_path / 'roster.csv')]
-        assert barc(['grade', str(made), *options]) == 0
+        assert barc(['grade', str(submissions), *options]) == 0
         rows = csv.DictReader((out / 'class.csv').read_text(encoding='utf-8').splitlines())
         return {row['name'] or row['student']: row for row in rows}
 
@@ -168,7 +168,7 @@ def test_grading_again_keeps_the_points_by_hand(
     assert str(out / 'class.html') in capsys.readouterr().out
 
     before = (out / 'class.csv').read_bytes()
-    assert barc(['grade', str(made / BOB), '--rubric', str(rubric), '--out', str(out)]) == 0
+    assert barc(['grade', str(submissions / BOB), '--rubric', str(rubric), '--out', str(out)]) == 0
     assert (out / 'class.csv').read_bytes() == before  # of the class, and not of one
 
 
@@ -193,9 +193,9 @@ def test_a_fault_of_the_grader_does_not_stop_the_others(
     paths = {folder(f's{i}'): ByHand() for i in range(3)}
     with ThreadPoolExecutor(2) as pool:
         outcomes = command.grade_all(pool, Future(), paths)
-        found = {path.name: outcome for path, outcome in outcomes}
+        outcome_of = {path.name: outcome for path, outcome in outcomes}
 
-    assert found == {
+    assert outcome_of == {
         's0': 's0',
         's1': 'MemoryError: too little',
         's2': 's2',

@@ -309,8 +309,8 @@ def decide(machine: str, number: int, *arguments: int, audit: int | None = None)
 @pytest.mark.parametrize('machine', MACHINES)
 def test_only_harmless_calls_are_allowed(machine: str) -> None:
     for names, answer in ((HARMLESS, PASSED), (HARMFUL, DENIED)):
-        found = {decide(machine, number) for number in call_numbers(machine, names).values()}
-        assert found == {answer}
+        answers = {decide(machine, number) for number in call_numbers(machine, names).values()}
+        assert answers == {answer}
     assert decide(machine, 4_000) == DENIED  # of a later kernel
     read, ioctl = call_numbers(machine, ('read', 'ioctl')).values()
     assert decide(machine, read, audit=0x40000003) == KILLED  # of another architecture
@@ -330,8 +330,8 @@ def test_old_calls_of_x86_64_are_refused(call: int) -> None:
 def test_a_file_is_not_emptied_by_opening_it(machine: str, call: str, at: int) -> None:
     """Of writing, Landlock decides."""
     (number,) = call_numbers(machine, [call]).values()
-    found = [decide(machine, number, *[0] * at, flags) for flags in (*READS, *EMPTIES)]
-    assert found == [PASSED] * len(READS) + [DENIED] * len(EMPTIES)
+    answers = [decide(machine, number, *[0] * at, flags) for flags in (*READS, *EMPTIES)]
+    assert answers == [PASSED] * len(READS) + [DENIED] * len(EMPTIES)
 
 
 _RANDOM = Random(6)  # noqa: S311 (a simulation)

@@ -139,28 +139,28 @@ def test_a_confined_relay_gets_the_same_points(tmp_path: Path, kind: str) -> Non
 @pytest.mark.parametrize('kind', WORKS)
 def test_a_relay_gets_its_points_and_sentence(kind: str) -> None:
     expected = WORKS[kind]
-    found = {each.criterion: each for each in findings_on('relay', expected.text)}
-    faults = [each.message for each in found.values() if not each.passed]
+    finding_of = {each.criterion: each for each in findings_on('relay', expected.text)}
+    faults = [each.message for each in finding_of.values() if not each.passed]
     assert expected.sentence in (faults or [''])[0]
     assert bool(faults) == bool(expected.sentence)
 
     rubric = load_rubric()
-    worth = [rubric.points[each.criterion] for each in found.values() if each.open]
+    worth = [rubric.points[each.criterion] for each in finding_of.values() if each.open]
     assert sum(worth) == expected.still_open
-    assert sum(map(rubric.points_for, found.values())) == pytest.approx(expected.points)
+    assert sum(map(rubric.points_for, finding_of.values())) == pytest.approx(expected.points)
 
 
 def test_without_task_3_the_points_are_of_100_and_with_it_of_120() -> None:
     texts = {'model': MODEL, 'controller': CONTROLLER}
-    written = [each for part, text in texts.items() for each in findings_on(part, text)]
+    of_tasks_1_and_2 = [each for part, text in texts.items() for each in findings_on(part, text)]
     for relay, points in ((None, 100.0), (TEMPLATE, 100.0), (ROS_2, 120.0)):
         if relay is None:
             task_3 = [Finding(name, 0.0, 'there is none', skipped=True) for name in RELAY]
         else:
             task_3 = findings_on('relay', relay)
-        rubric, found = load_rubric(), [*written, *task_3]
-        worth = rubric.worth(found)
-        total = sum(rubric.points_for(each) for each in found if each.criterion in worth)
+        rubric, findings = load_rubric(), [*of_tasks_1_and_2, *task_3]
+        worth = rubric.worth(findings)
+        total = sum(rubric.points_for(each) for each in findings if each.criterion in worth)
         assert (total, sum(worth.values())) == (points, points)
 
 

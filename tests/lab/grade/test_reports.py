@@ -26,14 +26,14 @@ RUBRIC = Rubric(
 )
 
 
-def grade(text: str = 'fine', *, points: float = 1.25, drawn: bool = True) -> Grade:
+def grade(text: str = 'fine', *, points: float = 1.25, has_figure: bool = True) -> Grade:
     runs = Evidence('', (), (), lambda _: Figure())
     return Grade(
         name=text,
         rubric=RUBRIC,
         items=(
             Item('model.x', points, 3.0, text),
-            Item('loop.lab_road', 7.0, 7.0, text, evidence=runs if drawn else None),
+            Item('loop.lab_road', 7.0, 7.0, text, evidence=runs if has_figure else None),
         ),
         notes=(text,),
         printed=text,
@@ -62,7 +62,7 @@ def test_gradescopes_results_have_each_criterion() -> None:
 
 
 def test_the_html_report_shows_hostile_text_without_running_it() -> None:
-    text = report.report_page(grade(HOSTILE, drawn=False))
+    text = report.report_page(grade(HOSTILE, has_figure=False))
 
     assert text.count(str(escape(HOSTILE))) == 6
     assert '<script' not in text
@@ -93,8 +93,8 @@ def listed(*grades: Grade, **failures: str) -> list[classroom.ClassEntry]:
 
 
 def test_the_class_is_listed_by_name() -> None:
-    found = listed(grade_of('eve', 3.0), grade_of('ada', 1.5, 'x is wrong'), bob='no memory')
-    rows = [*csv.reader(io.StringIO(classroom.as_csv(found, RUBRIC)))]
+    page = listed(grade_of('eve', 3.0), grade_of('ada', 1.5, 'x is wrong'), bob='no memory')
+    rows = [*csv.reader(io.StringIO(classroom.as_csv(page, RUBRIC)))]
 
     criteria = ['model.x', 'loop.lab_road', 'relay.rate']
     rest = ['open', 'comment', 'remark']
@@ -133,8 +133,8 @@ def test_the_mean_of_task_3_is_separate() -> None:
 
 def test_a_mistake_keeps_the_brackets_of_its_formula() -> None:
     text = 'controller.py, line 7: I is wrong: it is ki * (sum of e * dt)'
-    found = listed(grade_of('ada', 1.0, text))
-    assert 'I is wrong: it is ki * (sum of e * dt)' in classroom.class_page(found, RUBRIC)
+    page = listed(grade_of('ada', 1.0, text))
+    assert 'I is wrong: it is ki * (sum of e * dt)' in classroom.class_page(page, RUBRIC)
 
 
 def test_a_failing_call_is_a_mistake_whatever_was_passed_in() -> None:
@@ -159,13 +159,13 @@ def test_the_page_has_mistakes_and_who_needs_a_look_and_does_nothing_hostile() -
         grade_of('hal', 3.0)._replace(notes=('a.csv has more than 1 MiB',)),
         grade_of(HOSTILE, 2.5, HOSTILE, -1.0)._replace(comment=HOSTILE),
     ]
-    found = listed(*grades, bob='no memory')
-    text = classroom.class_page(found, RUBRIC)
+    students = listed(*grades, bob='no memory')
+    text = classroom.class_page(students, RUBRIC)
 
     assert text.count(str(escape(HOSTILE))) == 3
     assert text.count('<script') == 1
     assert re.search(r'>2</td><td><span[^>]*>Model: position x</span><br>x has', text)
-    looks = {each.folder: each.looks for each in found if each.looks}
+    looks = {each.folder: each.looks for each in students if each.looks}
     assert looks == {
         'bob': ('not graded: no memory',),
         'hal': ('a.csv has more than 1 MiB',),

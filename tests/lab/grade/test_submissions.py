@@ -152,10 +152,10 @@ def test_a_folder_gives_its_own_files_and_a_note_on_what_is_none(
     os.mkfifo(path / 'relay.py')
     (tmp_path / 'link').symlink_to(neighbour)
 
-    found, link = read_submission(path), read_submission(tmp_path / 'link')
+    submission, link = read_submission(path), read_submission(tmp_path / 'link')
 
-    assert found.files == {'controller.py': b'1', 'helper.py': b'2', 'data/gains.csv': b'3'}
-    assert found.notes == (
+    assert submission.files == {'controller.py': b'1', 'helper.py': b'2', 'data/gains.csv': b'3'}
+    assert submission.notes == (
         'bike_model.py is a link, which is not followed',
         'others is a link, which is not followed',
         'relay.py is not a regular file',
@@ -244,8 +244,8 @@ def test_an_empty_folder_has_a_remark(folder: Callable[..., Path]) -> None:
 
 @pytest.mark.parametrize('name', BOMBS)
 def test_an_archive_that_is_too_much_has_one_sentence(tmp_path: Path, name: str) -> None:
-    made, sentence = BOMBS[name]
-    (tmp_path / 'bomb.zip').write_bytes(made())
+    make_bomb, sentence = BOMBS[name]
+    (tmp_path / 'bomb.zip').write_bytes(make_bomb())
     before = resource.getrusage(resource.RUSAGE_SELF)
 
     submission = read_submission(tmp_path / 'bomb.zip')
@@ -332,8 +332,8 @@ def test_a_folder_that_becomes_a_link_while_it_is_read_shows_no_other_file(
     lab.mkdir(parents=True)
     (lab.parent / 'a.py').touch()
     (lab / 'relay.py').write_text('own')
-    with HeldFolder(lab.parent) as held:
-        members = listed(held)
+    with HeldFolder(lab.parent) as held_folder:
+        members = listed(held_folder)
         assert next(members).path == 'a.py'
 
         exchange(lab, secret)
@@ -342,7 +342,7 @@ def test_a_folder_that_becomes_a_link_while_it_is_read_shows_no_other_file(
         assert member.fault.startswith('cannot be read: ')  # each system has its own words
 
         exchange(lab, secret)
-        _, member = listed(held)
+        _, member = listed(held_folder)
         assert (member.path, member.read(9)) == ('lab/relay.py', b'own')
 
         exchange(lab, secret)
@@ -350,7 +350,7 @@ def test_a_folder_that_becomes_a_link_while_it_is_read_shows_no_other_file(
             member.read(9)
 
         exchange(lab.parent, secret)  # the folder that is held stays the same
-        assert [each.path for each in listed(held)] == ['a.py', 'lab', 'lab.real/relay.py']
+        assert [each.path for each in listed(held_folder)] == ['a.py', 'lab', 'lab.real/relay.py']
 
 
 def test_folders_that_are_exchanged_all_the_time_show_no_other_file(
@@ -366,14 +366,14 @@ def test_folders_that_are_exchanged_all_the_time_show_no_other_file(
 
     def exchange_all() -> None:
         while not over.is_set():
-            for each in (folder / 'lab', folder, packed):
-                exchange(each, secret)
-                exchange(each, secret)
+            for source in (folder / 'lab', folder, packed):
+                exchange(source, secret)
+                exchange(source, secret)
 
     thread = threading.Thread(target=exchange_all)
     thread.start()
     try:
-        found = [
+        contents = [
             read_submission(path).files.get('relay.py')
             for _ in range(400)
             for path in (folder, packed)
@@ -382,8 +382,8 @@ def test_folders_that_are_exchanged_all_the_time_show_no_other_file(
         over.set()
         thread.join()
 
-    assert {*found} <= {b'own', None}
-    assert b'own' in found
+    assert {*contents} <= {b'own', None}
+    assert b'own' in contents
 
 
 def test_an_archive_in_an_archive_is_read(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 PID = user_text('pid_with_calls.py')
 
 
-def written(tmp_path: Path, name: str, text: str) -> UserCode:
+def code_of(tmp_path: Path, name: str, text: str) -> UserCode:
     (tmp_path / name).write_text(text)
     return load(tmp_path / name)
 
@@ -36,7 +36,7 @@ def written(tmp_path: Path, name: str, text: str) -> UserCode:
 @pytest.fixture
 def controller(tmp_path: Path) -> UserController:
     """Return a user's controller that counts its calls."""
-    return UserController(written(tmp_path, 'controller.py', PID))
+    return UserController(code_of(tmp_path, 'controller.py', PID))
 
 
 @pytest.fixture
@@ -81,7 +81,7 @@ def test_a_reset_makes_a_fresh_object_with_the_present_gains(controller: UserCon
 
 def test_commands_over_time_are_asked_for_at_the_states_own_times(tmp_path: Path) -> None:
     """A sum of 300 intervals of 0.02 s is less than 6 s, and would make a command too many."""
-    code = written(tmp_path, 'identify.py', 'command = lambda t: 1.0 if t < 6.0 else 0.0')
+    code = code_of(tmp_path, 'identify.py', 'command = lambda t: 1.0 if t < 6.0 else 0.0')
     commands = UserCommands(code)
     options = {'road': 'flat', 'distance': 0.0, 'max_duration': 7.0, 'acceleration_limit': 0.5}
     log = simulate(controller=commands, **options)  # type: ignore[arg-type]
@@ -93,13 +93,13 @@ def test_commands_over_time_are_asked_for_at_the_states_own_times(tmp_path: Path
 
 
 def test_commands_are_cut_to_the_cars_limits(tmp_path: Path) -> None:
-    driver = UserDriver(written(tmp_path, 'relay.py', 'relay = lambda x, z: (99 * x, 99 * z)'))
+    driver = UserDriver(code_of(tmp_path, 'relay.py', 'relay = lambda x, z: (99 * x, 99 * z)'))
     driver.receive(DriverInput(forward=1.0, turn=1.0), 1.0)
     assert driver.command(1.1, 0.0) == (8.0, 0.5)
 
 
 def test_the_brake_works_with_any_relay(tmp_path: Path) -> None:
-    driver = UserDriver(written(tmp_path, 'relay.py', 'relay = lambda x, z: (4, 0)'))
+    driver = UserDriver(code_of(tmp_path, 'relay.py', 'relay = lambda x, z: (4, 0)'))
     driver.receive(FULL_BRAKE, 1.0)
     assert driver.command(1.1, 10.0).motor == -8.0
 
@@ -109,15 +109,15 @@ def test_a_reset_makes_a_fresh_relay(tmp_path: Path) -> None:
         'class Relay:\n    n = 0\n    def relay(self, x, z):\n'
         '        self.n += 1\n        return self.n, 0\n'
     )
-    driver = UserDriver(written(tmp_path, 'relay.py', text))
+    driver = UserDriver(code_of(tmp_path, 'relay.py', text))
     assert [driver.command(t, 0.0).motor for t in (0.0, 0.05)] == [1.0, 2.0]
     driver.reset()
     assert driver.command(0.1, 0.0).motor == 1.0
 
 
 def test_a_file_as_a_value_reaches_other_processes(tmp_path: Path) -> None:
-    written(tmp_path, 'controller.py', PID)
+    code_of(tmp_path, 'controller.py', PID)
     value = pickle.loads(pickle.dumps(partial(controller_of, tmp_path / 'controller.py')))  # noqa: S301
     assert value().acc_calculate(8.0, 7.0, 0.02) == 31.0
-    written(tmp_path, 'controller.py', PID.replace('+ self.calls', '+ 5.0'))
+    code_of(tmp_path, 'controller.py', PID.replace('+ self.calls', '+ 5.0'))
     assert value().acc_calculate(8.0, 7.0, 0.02) == 35.0

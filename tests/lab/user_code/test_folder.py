@@ -39,9 +39,9 @@ def test_a_helper_that_is_imported_late_is_the_folders_own(tmp_path: Path) -> No
 @pytest.mark.parametrize('helpers', ['', '1 / 0'])
 def test_loading_leaves_no_module_or_path_behind(tmp_path: Path, helpers: str) -> None:
     before, path, finders = set(sys.modules), list(sys.path), list(sys.meta_path)
-    own = folder(tmp_path, main='import helpers', helpers=helpers)
+    loader = folder(tmp_path, main='import helpers', helpers=helpers)
     with pytest.raises(ZeroDivisionError) if helpers else nullcontext():
-        own.load(own.path / 'main.py')
+        loader.load(loader.path / 'main.py')
     assert set(sys.modules) == before
     assert (sys.path, sys.meta_path) == (path, finders)
     assert sorted(file.name for file in tmp_path.iterdir()) == ['helpers.py', 'main.py']
@@ -52,16 +52,16 @@ def test_a_module_of_the_same_name_elsewhere_stays_unchanged(
 ) -> None:
     elsewhere = object()
     monkeypatch.setitem(sys.modules, 'helpers', elsewhere)
-    own = folder(tmp_path, main='import helpers', helpers='mine = True')
-    assert own.load(own.path / 'main.py').helpers.mine
+    loader = folder(tmp_path, main='import helpers', helpers='mine = True')
+    assert loader.load(loader.path / 'main.py').helpers.mine
     assert sys.modules['helpers'] is elsewhere
 
 
 def test_modules_can_import_each_other(tmp_path: Path) -> None:
-    own = folder(
+    loader = folder(
         tmp_path, main='import helpers', helpers='import main\ndef f(): return main.helpers'
     )
-    module = own.load(own.path / 'main.py')
+    module = loader.load(loader.path / 'main.py')
     assert module.helpers.f() is module.helpers
 
 
@@ -74,13 +74,13 @@ def test_a_package_is_imported_as_python_does(tmp_path: Path) -> None:
     }
     for name in ('a/c', 'e'):
         (tmp_path / name).mkdir(parents=True)
-    own = folder(
+    loader = folder(
         tmp_path,
         main='import a.b, a.c.d as d\nfrom a import B, b, c\nfrom e import f\nimport a.c',
         **files,
         **{'e/f': 'import a'},
     )
-    module = own.load(own.path / 'main.py')
+    module = loader.load(loader.path / 'main.py')
 
     assert (module.B, module.b.B, module.a.c.d.D, module.c.d) == (21, 21, 20, module.d)
     assert module.f.a is module.a
@@ -88,8 +88,8 @@ def test_a_package_is_imported_as_python_does(tmp_path: Path) -> None:
 
 
 def test_a_standard_module_is_not_hidden_by_a_file_of_its_name(tmp_path: Path) -> None:
-    own = folder(tmp_path, main='import random', random='mine = True')
-    assert not hasattr(own.load(own.path / 'main.py').random, 'mine')
+    loader = folder(tmp_path, main='import random', random='mine = True')
+    assert not hasattr(loader.load(loader.path / 'main.py').random, 'mine')
 
 
 def test_a_dataclass_with_annotations_as_text_can_be_made(tmp_path: Path) -> None:
@@ -97,19 +97,19 @@ def test_a_dataclass_with_annotations_as_text_can_be_made(tmp_path: Path) -> Non
         'from __future__ import annotations\nfrom dataclasses import dataclass\n'
         '@dataclass\nclass A:\n    x: int = 1\n'
     )
-    own = folder(tmp_path, main=text)
-    assert own.load(own.path / 'main.py').A().x == 1
+    loader = folder(tmp_path, main=text)
+    assert loader.load(loader.path / 'main.py').A().x == 1
 
 
 ROS_1 = user_text('ros_1_program.py')
 
 
 def test_the_labs_files_for_ros_1_are_loaded_as_they_are(tmp_path: Path) -> None:
-    own = folder(tmp_path, controller=ROS_1, bike_model='bikeFE = 1')
-    module = own.load(own.path / 'controller.py')
+    loader = folder(tmp_path, controller=ROS_1, bike_model='bikeFE = 1')
+    module = loader.load(loader.path / 'controller.py')
 
     assert module.bikeFE == 1
-    assert own.tolerated == [
+    assert loader.tolerated == [
         'controller.py imports rospy: ROS is not needed',
         'controller.py imports barc.msg: ROS is not needed',
         'controller.py imports labs.msg: ROS is not needed',
@@ -122,10 +122,10 @@ def test_the_labs_files_for_ros_1_are_loaded_as_they_are(tmp_path: Path) -> None
 
 def test_in_the_process_of_a_submission_only_numpy_is_here(tmp_path: Path) -> None:
     folder(tmp_path, main='import numpy, yaml\ndef f(): return 1 + yaml.load("1")')
-    own = Folder(tmp_path, is_judged=True)
-    module = own.load(tmp_path / 'main.py')
+    loader = Folder(tmp_path, is_judged=True)
+    module = loader.load(tmp_path / 'main.py')
     assert module.numpy.pi > 3.0
-    assert own.tolerated == ['main.py imports yaml: it is not installed here']
+    assert loader.tolerated == ['main.py imports yaml: it is not installed here']
     with pytest.raises(AbsentModuleError, match="there is no module 'yaml' here, only NumPy"):
         module.f()
 
@@ -135,9 +135,9 @@ def test_an_import_falls_back_to_its_replacement_where_its_module_is_missing(
 ) -> None:
     text = 'try:\n    import yaml\nexcept ImportError:\n    yaml = 3\n'
     folder(tmp_path, main=text)
-    own = Folder(tmp_path, is_judged=True)
-    assert own.load(tmp_path / 'main.py').yaml == 3
-    assert own.tolerated == []
+    loader = Folder(tmp_path, is_judged=True)
+    assert loader.load(tmp_path / 'main.py').yaml == 3
+    assert loader.tolerated == []
 
 
 @pytest.mark.parametrize('text', ["__import__('yaml')", "exec('import yaml', {})"])
@@ -153,18 +153,18 @@ def forever() -> None:
 
 
 def test_a_call_is_ended_in_whichever_thread_it_is_made() -> None:
-    ended = []
+    faults = []
 
     def make() -> None:
         try:
             TimeBudget(0.1).call(forever)
         except OutOfTime:
-            ended.append(threading.current_thread())
+            faults.append(threading.current_thread())
 
     thread = threading.Thread(target=make)
     thread.start()
     thread.join(20.0)
-    assert ended == [thread]
+    assert faults == [thread]
 
 
 def test_many_short_calls_are_not_one_long() -> None:

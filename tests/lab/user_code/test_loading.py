@@ -46,9 +46,9 @@ def lab(tmp_path: Path, **files: str) -> Path:
 
 def model(tmp_path: Path, body: str, before: str = '') -> UserFunction:
     path = lab(tmp_path, bike_model=f'{before}{HEAD}    {body}\n') / 'bike_model.py'
-    found = load(path, budget=SHORT).model
-    assert found
-    return found
+    function = load(path, budget=SHORT).model
+    assert function
+    return function
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_four_numbers_of_any_kind_become_floats(tmp_path: Path, body: str) -> No
 
 
 @pytest.mark.parametrize(
-    ('body', 'shown'),
+    ('body', 'result'),
     [
         ('pass', 'None; ' + FOUR + ': is its return missing?'),
         ('return [x, y, psi]', '[1.0, 2.0, 0.5]; ' + FOUR),
@@ -84,13 +84,13 @@ def test_four_numbers_of_any_kind_become_floats(tmp_path: Path, body: str) -> No
     ],
 )
 def test_another_result_is_shown_beside_what_was_passed_in_and_expected(
-    tmp_path: Path, body: str, shown: str
+    tmp_path: Path, body: str, result: str
 ) -> None:
     with pytest.raises(UserCodeError) as caught:
         model(tmp_path, body)(*ROW)
     sentence = str(caught.value)
     assert sentence.startswith(f'bike_model.py, line 1: {CALLED} returned ')
-    assert sentence.endswith(f' returned {shown}')
+    assert sentence.endswith(f' returned {result}')
 
 
 @pytest.mark.parametrize(
@@ -242,7 +242,7 @@ def test_a_long_list_is_shown_by_its_first_items(tmp_path: Path) -> None:
 def test_files_of_two_folders_make_one_lab(tmp_path: Path) -> None:
     (tmp_path / 'a').mkdir()
     (tmp_path / 'b').mkdir()
-    one = lab(
+    first = lab(
         tmp_path / 'a',
         bike_model=f'from h import f\n{HEAD}    return f()\n',
         h='f = lambda: [1] * 4',
@@ -252,12 +252,12 @@ def test_files_of_two_folders_make_one_lab(tmp_path: Path) -> None:
         relay='from h import f\ndef relay(x, z): return f()\n',
         h='f = lambda: [2] * 2',
     )
-    both = UserCode({'model': one / 'bike_model.py', 'relay': two / 'relay.py'}).load()
-    assert both.model
+    code = UserCode({'model': first / 'bike_model.py', 'relay': two / 'relay.py'}).load()
+    assert code.model
 
-    assert both.model(*ROW) == [1.0] * 4
-    assert both.new_relay()(0.0, 0.0, dt=0.0) == [2.0, 2.0]
-    assert len(both.sources) == 4
+    assert code.model(*ROW) == [1.0] * 4
+    assert code.new_relay()(0.0, 0.0, dt=0.0) == [2.0, 2.0]
+    assert len(code.sources) == 4
 
 
 def test_printed_text_goes_to_the_given_output(
@@ -268,9 +268,9 @@ def test_printed_text_goes_to_the_given_output(
         bike_model=f'print("loaded")\n{HEAD}    print(x, y, sep="-", end="")\n    return [0] * 4\n',
     )
     printed: list[str] = []
-    found = load_folder(folder, output=printed.append)
-    assert found.model
-    found.model(*ROW)
+    code = load_folder(folder, output=printed.append)
+    assert code.model
+    code.model(*ROW)
 
     assert printed == ['loaded\n', '1.0-2.0']
     assert capsys.readouterr().out == ''

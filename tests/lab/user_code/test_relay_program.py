@@ -123,9 +123,9 @@ def test_program_that_does_not_wait_is_ended(load: Load, monkeypatch: pytest.Mon
     monkeypatch.setattr(math, 'never', never, raising=False)
     text = ROS_1.replace('motor = 2', 'while not never.is_set(): never.wait()\n\tmotor = 2')
     text = text.replace('import rospy', 'import rospy\nfrom math import never', 1)
-    driven = load(text).new_relay()
+    program = load(text).new_relay()
     with pytest.raises(UserCodeError, match=r'relay\.py: the relay did not wait'):
-        _ = [driven(1.0, 0.0, dt=0.05) for _ in range(3)]
+        _ = [program(1.0, 0.0, dt=0.05) for _ in range(3)]
 
     never.set()
 

@@ -25,8 +25,8 @@ def judged(folder: Path, text: str) -> tuple[list[Finding], tuple[str, ...]]:
     path = folder / 'controller.py'
     path.write_text(text, encoding='utf-8')
     code = LocalCode(UserCode({'controller': path}, is_judged=True))
-    found = [each for each in HILLS.judge(code) if not each.skipped]
-    return found, code.tolerated()
+    judgements = [each for each in HILLS.judge(code) if not each.skipped]
+    return judgements, code.tolerated()
 
 
 @pytest.mark.parametrize('name', REMOVED)
@@ -54,8 +54,8 @@ def test_removed_names_give_their_former_results(tmp_path: Path) -> None:
         ('class PID', 'import numpy as np\n\n\nclass PID'),
         ('self.total += e * dt', 'self.total += np.trapz([e, e], dx=dt) if e < np.Inf else np.NaN'),
     )
-    found, tolerated = judged(tmp_path, text)
-    assert [each.score for each in found] == [1.0] * 4
+    findings, tolerated = judged(tmp_path, text)
+    assert [each.score for each in findings] == [1.0] * 4
     assert len(tolerated) == 2
 
 
@@ -76,20 +76,22 @@ LATER = {
 
 @pytest.mark.parametrize('text', LATER.values(), ids=LATER.keys())
 def test_syntax_of_a_later_python_costs_nothing(tmp_path: Path, text: str) -> None:
-    found, _ = judged(tmp_path, f'{PLAIN_CONTROLLER}\n{text}\n')
+    findings, _ = judged(tmp_path, f'{PLAIN_CONTROLLER}\n{text}\n')
     if sys.version_info >= (3, 12):
-        assert [each.score for each in found] == [1.0] * 4
+        assert [each.score for each in findings] == [1.0] * 4
     else:
-        assert all(each.open for each in found)
-        assert all('needs Python 3.12, and this machine has 3.1' in each.message for each in found)
+        assert all(each.open for each in findings)
+        assert all(
+            'needs Python 3.12, and this machine has 3.1' in each.message for each in findings
+        )
 
 
 @pytest.mark.parametrize('text', ['f"{x"', 'f"{}"', 'f"{1"', 'x = (f"{1}"', 'f"{a["b}"'])
 def test_a_real_syntax_error_is_one_in_every_version(tmp_path: Path, text: str) -> None:
-    found, _ = judged(tmp_path, f'{PLAIN_CONTROLLER}\n{text}\n')
-    assert [each.score for each in found] == [0.0] * 4
-    assert not any(each.open for each in found)
-    assert 'syntax error' in found[0].message
+    findings, _ = judged(tmp_path, f'{PLAIN_CONTROLLER}\n{text}\n')
+    assert [each.score for each in findings] == [0.0] * 4
+    assert not any(each.open for each in findings)
+    assert 'syntax error' in findings[0].message
 
 
 SOURCES = {
@@ -110,6 +112,7 @@ def test_a_file_is_read_by_pythons_rules(tmp_path: Path, data: bytes) -> None:
             b'"\xc3\xa9".encode().decode()', b'chr(233)'
         )
     )
+
     code = UserCode({'controller': path}, is_judged=True).load()
     assert code.attachments() == {'student/controller.py': path.read_bytes()}
     assert read_source(path, 'controller.py').data == path.read_bytes()
@@ -133,5 +136,5 @@ def test_a_wrapped_heading_is_right(tmp_path: Path) -> None:
     )
     text = replaced(PLAIN_MODEL, ('    v_next = v', f'    {wrapped}\n    v_next = v'))
     path.write_text(text, encoding='utf-8')
-    found = HILLS.judge(LocalCode(UserCode({'model': path}, is_judged=True)))
-    assert [each.score for each in found[:4]] == [1.0] * 4
+    findings = HILLS.judge(LocalCode(UserCode({'model': path}, is_judged=True)))
+    assert [each.score for each in findings[:4]] == [1.0] * 4

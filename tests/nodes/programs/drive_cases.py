@@ -68,7 +68,7 @@ def drive_case(controller_type: str, values: dict[str, Any]) -> list[list[float]
     )
     simulator = VehicleSimulator(
         parameter_overrides=parameters(realtime_factor=0.0, distance=12.0, **values),
-        on_step=lambda t, seen: states.append([*seen.measured]),
+        on_step=lambda t, observation: states.append([*observation.measured]),
     )
 
     executor = executor_of(controller, simulator)
@@ -88,7 +88,7 @@ def drive_by_hand() -> list[list[float]]:
     relay = Relay(driver=Driver(dt=0.1), parameter_overrides=parameters(stale_after=60.0))
     simulator = VehicleSimulator(
         parameter_overrides=parameters(realtime_factor=0.0, road='flat'),
-        on_step=lambda t, seen: states.append(seen.true),
+        on_step=lambda t, observation: states.append(observation.true),
     )
 
     (timer,) = relay.timers

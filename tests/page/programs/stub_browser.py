@@ -9,7 +9,7 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 path = Path(unquote(urlsplit(sys.argv[1]).path))
-seen = {
+facts = {
     'arguments': sys.argv[1:],
     'text': path.read_text('utf-8'),
     'path': str(path),
@@ -18,5 +18,5 @@ seen = {
 
 # The file is complete as soon as it has its name.
 new = Path(os.environ['SEEN'] + '.new')
-new.write_text(json.dumps(seen), 'utf-8')
+new.write_text(json.dumps(facts), 'utf-8')
 new.rename(os.environ['SEEN'])

@@ -673,6 +673,7 @@ def test_an_exception_leaves_the_executor_and_the_group_usable(
     for _ in range(10):  # further calls that had been handed off
         with suppress(BrokenError):
             executor.spin_once(timeout_sec=0)
+
     ticks = []
     node.create_timer(0.001, lambda: ticks.append(1), callback_group=group)
     until(lambda: ticks)

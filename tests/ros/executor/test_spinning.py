@@ -327,6 +327,7 @@ def test_a_deletion_after_the_handles_prints_nothing(ros: Context) -> None:
     executor = QuickExecutor(2, context=ros)
     executor.add_node(node)
     executor.spin_once(timeout_sec=0)
+
     executor._sigint_gc.destroy()
     node.get_clock().handle.destroy_when_not_in_use()
     node.destroy_node()

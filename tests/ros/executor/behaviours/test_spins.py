@@ -167,11 +167,13 @@ def test_the_end_of_the_context_ends_spin(
     executor = make_executor(context)
     node = Node('node', context=context, start_parameter_services=False, enable_rosout=False)
     executor.add_node(node)
+
     node.create_guard_condition(context.shutdown).trigger()
     try:
         executor.spin()
     except ExternalShutdownException:  # of SingleThreadedExecutor
         assert isinstance(executor, SingleThreadedExecutor)
+
     executor.shutdown()
     node.destroy_node()
 
