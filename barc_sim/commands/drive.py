@@ -127,7 +127,7 @@ def run_acc(options: Namespace) -> int:
         inputs = _prepare(options)
         from barc_sim.runs import acc  # noqa: PLC0415 (imports rclpy)
 
-        return acc.drive(options, inputs, stop)
+        return acc.run_nodes(options, inputs, stop)
 
 
 def _prepare(options: Namespace) -> Inputs:
@@ -159,7 +159,7 @@ def run_teleop(options: Namespace) -> int:
         inputs = _prepare(options)
         from barc_sim.runs import teleop  # noqa: PLC0415 (imports rclpy)
 
-        return teleop.drive(options, inputs, stop)
+        return teleop.run_nodes(options, inputs, stop)
 
 
 def _add_track_options(parser: Parser) -> None:
@@ -198,8 +198,10 @@ def _gain(text: str) -> tuple[str, float]:
     return name, number(-inf, inf)(value)
 
 
-def _add_gains(parser: Parser, option: str, law: str, types: Mapping[str, type[Tunable]]) -> None:
-    """Add the option for the gains of a law, which is of one of the `types`."""
+def _add_gains(
+    parser: Parser, option: str, controller: str, types: Mapping[str, type[Tunable]]
+) -> None:
+    """Add the option for the gains of a controller, which is of one of the `types`."""
     names = '; '.join(f'{name}: {", ".join(kind.gains)}' for name, kind in types.items())
     parser.add_argument(
         option,
@@ -207,5 +209,5 @@ def _add_gains(parser: Parser, option: str, law: str, types: Mapping[str, type[T
         action='append',
         default=[],
         metavar='NAME=VALUE',
-        help=f'a gain of the {law}; may be repeated ({names})',
+        help=f'a gain of the {controller}; may be repeated ({names})',
     )

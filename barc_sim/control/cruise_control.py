@@ -179,15 +179,16 @@ class CruiseControl:
     @property
     def controller_type(self) -> str:
         """The name of the speed controller among `TYPES`; empty: it is another one."""
-        law = self.speed.controller if isinstance(self.speed, SpeedPilot) else None
-        return next((name for name, kind in TYPES.items() if type(law) is kind), '')
+        if isinstance(self.speed, SpeedPilot):
+            return _name_of(self.speed.controller, TYPES)
+        return ''
 
     @property
     def lane_type(self) -> str:
         """The name of the steering law among `LANE_TYPES`; empty: it is another one, or none."""
-        steering = self.lane.lane if self.lane else None
-        law = steering.law if isinstance(steering, LanePilot) else None
-        return next((name for name, kind in LANE_TYPES.items() if type(law) is kind), '')
+        if self.lane and isinstance(self.lane.lane, LanePilot):
+            return _name_of(self.lane.lane.controller, LANE_TYPES)
+        return ''
 
     def parameters(
         self, acceleration_limit: float = ACCELERATION_LIMIT
@@ -308,6 +309,11 @@ class CruiseControl:
         else:
             values |= {'names': [*terms], 'values': [*terms.values()]}
         return values
+
+
+def _name_of(controller: object, types: Mapping[str, type[Any]]) -> str:
+    """Return the name of the controller's class in a table; empty: it has none."""
+    return next((name for name, kind in types.items() if type(controller) is kind), '')
 
 
 def _is_near(measured: VehicleState) -> bool:

@@ -156,11 +156,11 @@ class SpeedPilot(Pilot):
 class LanePilot(Pilot):
     """Steers along a track with a steering law; the acceleration is 0."""
 
-    def __init__(self, law: SteeringLaw) -> None:
-        """Steer with this law, whose attributes its gains and terms are."""
-        self.law = law
-        self.gains = law.gains
-        self.terms = law.terms
+    def __init__(self, controller: SteeringLaw) -> None:
+        """Steer with this controller, whose attributes its gains and terms are."""
+        self.controller = controller
+        self.gains = controller.gains
+        self.terms = controller.terms
 
     def command(self, situation: Situation) -> Command:
         """Return the command that answers a situation, without a limit of the angle."""
@@ -170,30 +170,32 @@ class LanePilot(Pilot):
             return track.curvature(place.s + ahead)
 
         speed = situation.measured.v_x
-        return Command(0.0, self.law.steer_calculate(place.e_y, place.e_psi, speed, curvature))
+        return Command(
+            0.0, self.controller.steer_calculate(place.e_y, place.e_psi, speed, curvature)
+        )
 
     def reset(self) -> None:
-        """Reset the law."""
-        self.law.reset()
+        """Reset the controller."""
+        self.controller.reset()
 
     @property
     def plan(self) -> NDArray[np.float64] | None:
-        """The latest plan of the law."""
-        plan: NDArray[np.float64] | None = self.law.prediction
+        """The latest plan of the controller."""
+        plan: NDArray[np.float64] | None = self.controller.prediction
         return plan
 
     @property
     def gain_values(self) -> dict[str, float]:
         """The present gains, by name."""
-        return {name: float(getattr(self.law, name)) for name in self.gains}
+        return {name: float(getattr(self.controller, name)) for name in self.gains}
 
     def set_gains(self, values: Mapping[str, float]) -> None:
         """Set gains by name."""
-        set_gains(self.law, values)
+        set_gains(self.controller, values)
 
     def term(self, name: str) -> float:
         """Return a term of the latest command."""
-        return read_term(self.law, name)
+        return read_term(self.controller, name)
 
 
 class PlanPilot(LanePilot):
@@ -202,7 +204,7 @@ class PlanPilot(LanePilot):
     def command(self, situation: Situation) -> Command:
         """Return the command that answers a situation, without a limit of the angle."""
         steering = super().command(situation)
-        return Command(float(self.law.acceleration or 0.0), steering.servo)
+        return Command(float(self.controller.acceleration or 0.0), steering.servo)
 
     @property
     def plans_speed(self) -> bool:
@@ -360,5 +362,7 @@ def as_lane_pilot(lane: object) -> Pilot:
         return StraightAhead()
     if isinstance(lane, Pilot):
         return lane
-    law = as_steering_law(lane)
-    return LanePilot(law) if law.acceleration is None else PlanPilot(law)
+    controller = as_steering_law(lane)
+    if controller.acceleration is None:
+        return LanePilot(controller)
+    return PlanPilot(controller)

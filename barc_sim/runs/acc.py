@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from barc_sim.simulation.metrics import Summary
 
 
-def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
-    """Drive to the end of the road, or until `stop`; return the exit code.
+def run_nodes(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
+    """Run the nodes to the end of the road, or until `stop`; return the exit code.
 
     UserError: a parameter or a ROS argument cannot be used; no bag is left then.
     """

@@ -37,8 +37,8 @@ _EXIT_TIMEOUT = 2.0  #: [s] for the process of a relay to end by itself
 _HELP = 'arrows or WASD (ZQSD) drive, space brakes, r goes back to the start, q ends (ZQSD: Ctrl-C)'
 
 
-def drive(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
-    """Drive until the driver or `stop` ends it; return the exit code.
+def run_nodes(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
+    """Run the nodes until the driver or `stop` ends it; return the exit code.
 
     UserError: an option or a ROS argument cannot be used; no bag is left then.
     """

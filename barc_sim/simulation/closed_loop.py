@@ -38,7 +38,7 @@ from barc_sim.control.speed import (
 )
 from barc_sim.errors import UserError
 from barc_sim.interfaces.topics import LANE_STATE
-from barc_sim.simulation.drive import RUNAWAY
+from barc_sim.simulation.law_runs import RUNAWAY
 from barc_sim.simulation.log import TrackLog, columns_of, log_of
 from barc_sim.simulation.rollout import pid_log
 from barc_sim.simulation.scenario import LIMITS, Scenario
@@ -373,9 +373,9 @@ def closed_loop(
     plant = plant or Plant()
     speed = as_pilot(speed_controller() if controller is None else controller)
     steps = round(max_duration / plant.ts)
-    law = speed.controller if isinstance(speed, SpeedPilot) else None
-    if type(law) is PID and plant.has_fast_path and not (progress or reference):
-        return pid_log(plant, law, speed_reference, distance, steps)
+    of_speed = speed.controller if isinstance(speed, SpeedPilot) else None
+    if type(of_speed) is PID and plant.has_fast_path and not (progress or reference):
+        return pid_log(plant, of_speed, speed_reference, distance, steps)
 
     track = plant.track
     names = ['saturated', *speed.terms]

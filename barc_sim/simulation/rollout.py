@@ -1,4 +1,4 @@
-"""The drive of a car straight along its road under a PID: one loop, in Python or compiled.
+"""The runs of a car straight along its road under a PID: one loop, in Python or compiled.
 
 `pid_log` makes the log of one run, for `closed_loop`, and `scores_of_gains` the scores of many, for
 sweeps. The loop calls the laws that `Plant` and `PID` call, in the same order: its states are those
@@ -134,7 +134,7 @@ def trace_of(run: StraightRun, states: int, *, is_array: bool = False) -> Trace:
 
 
 @law
-def drive(run: StraightRun, gains: PidGains, memory: PidMemory, trace: Trace) -> int:
+def drive_by_pid(run: StraightRun, gains: PidGains, memory: PidMemory, trace: Trace) -> int:
     """Drive until the distance is reached or the trace is full; return the number of states."""
     bicycle = run.bicycle
     vehicle = bicycle.vehicle
@@ -201,7 +201,7 @@ def score_all(run: StraightRun, gains: Floats, limit: float, trace: Trace, score
     speed = trace.speed if len(run.errors) > 0 else trace.v
     for i in range(len(gains)):
         of_run = PidGains(gains[i, 0], gains[i, 1], gains[i, 2], -limit, limit)
-        count = drive(run, of_run, PidMemory(0.0, nan), trace)
+        count = drive_by_pid(run, of_run, PidMemory(0.0, nan), trace)
         of_speed = Scores(inf, inf, inf, inf)
         if trace.x[count - 1] >= run.distance:
             motor = trace.commands[len(run.waiting) :]
@@ -270,7 +270,7 @@ def pid_log(plant: Plant, controller: PID, reference: float, distance: float, st
         errors = _errors(plant, states)
         run = with_errors(without_noise, errors[:, _SPEED])
         trace = trace_of(run, states)
-        count = drive(run, gains, memory, trace)
+        count = drive_by_pid(run, gains, memory, trace)
         if count < states:
             break
     return _log_of(plant, run, trace, errors[:count], count)

@@ -161,8 +161,8 @@ def _straight(stretch: Stretch, car: CarModel, v: float, along: Floats, *, is_fa
     steps, motor, forces, speeds = _columns(
         np.diff(stretch.t), along, gravity_forces, np.zeros(len(stretch.t)), is_fast=is_fast
     )
-    drive = compiled(drive_straight) if is_fast else drive_straight
-    drive(bicycle, _level(is_fast=is_fast), v, steps, motor, forces, speeds)
+    loop = compiled(drive_straight) if is_fast else drive_straight
+    loop(bicycle, _level(is_fast=is_fast), v, steps, motor, forces, speeds)
     return speeds
 
 
@@ -205,8 +205,8 @@ def _steered(
     free = along - vehicle.gravity * stretch.sines[:-1]
     steps, motor, servo, present = _columns(times, free, turned, angles, is_fast=is_fast)
     signals = _columns(*np.zeros((3, len(stretch.t))), is_fast=is_fast)
-    drive = compiled(drive_steered) if is_fast else drive_steered
-    drive(bicycle, _level(is_fast=is_fast), v, steps, motor, servo, present, *signals)
+    loop = compiled(drive_steered) if is_fast else drive_steered
+    loop(bicycle, _level(is_fast=is_fast), v, steps, motor, servo, present, *signals)
     return np.array(signals)
 
 

@@ -24,7 +24,7 @@ from barc_sim.control.pilots import LaneKeeping, as_lane_pilot, as_pilot
 from barc_sim.control.speed import PID, check_values
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import chosen_scenario, drive_scenario
-from barc_sim.simulation.drive import Drive, laws_of
+from barc_sim.simulation.law_runs import LawRuns, laws_of
 from barc_sim.simulation.rollout import scores_of_gains
 from barc_sim.simulation.scenario import LIMITS, Scenario
 from barc_sim.simulation.scores import scores_of_log
@@ -344,8 +344,8 @@ def _scores_by_laws(
     if plant.has_fast_path and not laws.speed.is_lqr and not isinstance(reference, SpeedProfile):
         return scores_of_gains(plant, of_speed, limit, reference, scenario.end, steps, seeds)
     of_lane = [gains[LANE + name] for name in pilot.lane.gains]
-    drive = Drive(plant, laws, reference, scenario.end, steps)
-    return drive.scores(of_speed, np.column_stack([*of_lane]) if of_lane else None, seeds)
+    runs = LawRuns(plant, laws, reference, scenario.end, steps)
+    return runs.scores(of_speed, np.column_stack([*of_lane]) if of_lane else None, seeds)
 
 
 def _reference_of(scenario: Scenario) -> float | SpeedProfile | None:

@@ -14,7 +14,7 @@ from numpy import arctan, cos, float64, sin, tan
 
 from barc_sim.control.lane import LaneLQR, PurePursuit, Stanley
 from barc_sim.control.speed import KD, KP, LQR
-from barc_sim.simulation import drive, many_runs, rollout
+from barc_sim.simulation import law_runs, many_runs, rollout
 from barc_sim.simulation.closed_loop import simulate
 from barc_sim.simulation.scenario import Scenario
 from barc_sim.tuning.search import sweep
@@ -132,9 +132,9 @@ def in_one_thread(loop: Callable[[], int]) -> int:
 def in_python(loop: Callable[[int], int]) -> int:
     """Score some of the runs without Numba; return the steps."""
     with ExitStack() as stack:
-        for module in (drive, many_runs, rollout):
+        for module in (law_runs, many_runs, rollout):
             stack.enter_context(patch.object(module, 'is_compiled', lambda: False))
-        for module in (drive, rollout):
+        for module in (law_runs, rollout):
             stack.enter_context(patch.object(module, 'compiled', _not_compiled))
         return loop(_RUNS_IN_PYTHON)
 

@@ -14,7 +14,7 @@ from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.metrics import summary
 from barc_sim.simulation.rollout import (
     Trace,
-    drive,
+    drive_by_pid,
     pid_log,
     run_of,
     scores_of_gains,
@@ -98,7 +98,7 @@ def states(plant: Plant, values: dict[str, float], *, is_array: bool) -> Trace:
     run = run_of(plant, 8.0, 40.0, is_array=is_array)
     run = with_errors(run, errors[:, 3].copy())
     trace = trace_of(run, STEPS, is_array=is_array)
-    loop = compiled(drive) if is_array else drive
+    loop = compiled(drive_by_pid) if is_array else drive_by_pid
     loop(run, PidGains(**values, output_min=-8.0, output_max=8.0), PidMemory(), trace)
     return trace
 

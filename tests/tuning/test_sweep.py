@@ -12,7 +12,7 @@ from barc_sim.control.lane import LaneLQR, PurePursuit, Stanley, speed_profile
 from barc_sim.control.pilots import LanePilot, SpeedPilot
 from barc_sim.control.speed import LQR, PID
 from barc_sim.errors import UserError
-from barc_sim.simulation import drive, many_runs, rollout
+from barc_sim.simulation import law_runs, many_runs, rollout
 from barc_sim.simulation.closed_loop import drive_scenario, lap, simulate
 from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import rms, summary
@@ -151,9 +151,9 @@ def loops(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> No
     """Compile the loops, or run them in Python."""
     if request.param:
         return
-    for module in (drive, many_runs, rollout):
+    for module in (law_runs, many_runs, rollout):
         monkeypatch.setattr(module, 'is_compiled', lambda: False)
-    for module in (drive, rollout):
+    for module in (law_runs, rollout):
         monkeypatch.setattr(module, 'compiled', lambda loop: loop)
 
 
@@ -174,7 +174,7 @@ def test_a_sweep_has_the_scores_of_simulate_to_the_last_bit(numbers: range) -> N
 
 @needs_numba
 def test_one_compiled_loop_drives_all_cars_under_all_laws() -> None:
-    loop: Any = compiled(drive.score_drives)
+    loop: Any = compiled(law_runs.score_drives)
     for number in range(20):
         run = drawn(number)
         sweep(scenario=run.scenario, **run.gains)
@@ -268,7 +268,7 @@ def test_pilots_are_swept_as_simulate_takes_them() -> None:
     found = sweep(controller=speed, lane=lane, track=SMALL, laps=1, k=[1.0, 3.0])
     log = lap(Stanley(k=3.0), SMALL, laps=1, speed=8.0, controller=LQR())
     assert rows_of(found)[1] == scores_of(log, SMALL.length)
-    assert lane.law.k == 2.0  # type: ignore[attr-defined]
+    assert lane.controller.k == 2.0  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(

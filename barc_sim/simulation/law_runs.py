@@ -1,4 +1,4 @@
-"""The drive of a car under laws of speed and steering: one loop, in Python or compiled.
+"""The runs of a car under laws of speed and steering: one loop, in Python or compiled.
 
 The car drives along a road or a track, by any of the bicycles, with its actuators and its sensor.
 A `PID` or an `LQR` holds its speed; a `LaneLQR`, a `Stanley` or a `PurePursuit` steers. The loop
@@ -135,7 +135,7 @@ def must_end(v_x: float, e_y: float, width: float) -> bool:
 
 
 @law
-def drive(conditions: Conditions, laws: Laws, normals: Column, rooms: Rooms) -> int:
+def drive_by_laws(conditions: Conditions, laws: Laws, normals: Column, rooms: Rooms) -> int:
     """Drive until the run ends, or the columns are full; return the number of states.
 
     `normals` has a row of normal numbers for each state; it is empty without noise.
@@ -242,7 +242,7 @@ def score_drives(
             with_speed_gains(laws.speed, gains[i, :GAINS]),
             with_lane_gains(laws.lane, gains[i, GAINS:]),
         )
-        count = drive(conditions, of_run, normals, rooms)
+        count = drive_by_laws(conditions, of_run, normals, rooms)
         of_speed = Scores(inf, inf, inf, inf)
         of_lane = LaneScores(inf, inf, inf)
         if rooms.driven.along[count - 1] >= conditions.distance:
@@ -259,7 +259,7 @@ def score_drives(
         scores[i, 6] = of_lane.best_lap
 
 
-class Drive:
+class LawRuns:
     """Many runs of one car under laws: all but their gains and their seeds.
 
     Parameters
@@ -403,5 +403,5 @@ def laws_of(speed: Pilot, lane: Pilot, limit: float) -> Laws | None:
     if type(lane) is StraightAhead:
         of_lane = NO_LANE
     elif type(lane) is LanePilot:
-        of_lane = lane_gains(lane.law)
+        of_lane = lane_gains(lane.controller)
     return Laws(of_speed, of_lane) if of_speed and of_lane else None
