@@ -66,6 +66,7 @@ def add_arguments_tune(parser: Parser) -> None:
     )
     noise = LIMITS['noise']
     delay = LIMITS['delay']
+    sensor_delay = LIMITS['sensor_delay']
     seed = LIMITS['seed']
     gain = number(0.0, _MAX_GAIN)
     _add_numbers(
@@ -81,6 +82,13 @@ def add_arguments_tune(parser: Parser) -> None:
             "standard deviation of the measured speed's noise",
         ),
         ('delay', number(*delay.between), delay.default, 'S', 'time from a command to its effect'),
+        (
+            'sensor-delay',
+            number(*sensor_delay.between),
+            sensor_delay.default,
+            'S',
+            'age of a measurement at its stamp',
+        ),
         ('seed', whole(*seed.between), seed.default, 'N', 'seed of the search and of the noise'),
     )
     for name, (_, high) in GAINS.items():
@@ -128,6 +136,7 @@ def run_tune(options: Namespace) -> None:
             noise=options.noise,
             seed=options.seed,
             delay=options.delay,
+            sensor_delay=options.sensor_delay,
             acceleration_limit=limit,
         )
 
@@ -178,7 +187,11 @@ def _command(options: Namespace, gains: Sequence[float], road: str) -> str:
     if options.controller:
         words += ['--controller', str(options.controller)]
 
-    parameters = {'noise_v_x': options.noise, 'motor_delay': options.delay}
+    parameters = {
+        'noise_v_x': options.noise,
+        'motor_delay': options.delay,
+        'sensor_delay': options.sensor_delay,
+    }
     if options.noise:
         words += ['--seed', str(options.seed)]
     if any(parameters.values()):

@@ -84,6 +84,7 @@ OTHERS = {
 #: The sliders of the car: parameters of the simulator that may be set while it drives.
 CAR = {
     'noise_v_x': _slider(ROWS['noise_v_x'], 'noise of the measured speed', 1.0),
+    'sensor_delay': _slider(ROWS['sensor_delay'], 'delay of the sensor', 0.5),
     'motor_delay': _slider(ROWS['motor_delay'], 'delay of the motor', 0.5),
     'motor_limit': _slider(ROWS['motor_limit'], 'limit of the motor, 0: none', 20.0),
 }

@@ -55,13 +55,23 @@ def test_the_printed_command_drives_with_the_cost_of_the_table(capsys: Capture) 
 
 def test_the_printed_command_has_the_options_of_the_search() -> None:
     args = ['--road', 'flat', '--speed', '6', '--noise', '0.05', '--delay', '0.055', '--seed', '4']
-    line = command_of(printed('tune', *QUICK, *args))
+    line = command_of(printed('tune', *QUICK, *args, '--sensor-delay', '0.04'))
     assert line[:2] == ['--road', 'flat']
     assert line[line.index('--speed') :] == [
         *('--speed', '6', '--distance', '30', '--seed', '4'),
         *('--ros-args', '-p', 'vehicle_simulator:noise_v_x:=0.05'),
         *('-p', 'vehicle_simulator:motor_delay:=0.055'),
+        *('-p', 'vehicle_simulator:sensor_delay:=0.04'),
     ]
+
+
+def test_gains_are_tuned_for_a_sensor_that_measures_late() -> None:
+    lines = printed('tune', *QUICK, '--road', 'flat', '--sensor-delay', '0.04')
+    found = float(_row(lines, 'kp')[1])
+    ki = float(_row(lines, 'ki')[1])
+    run = simulate(found, ki, 0.0, road='flat', distance=30.0, sensor_delay=0.04)
+    cost = float(_row(lines, 'cost: rms')[1])
+    assert cost == pytest.approx(summary(run).rms_error_after_run_up, rel=1e-3)
 
 
 def test_of_several_roads_each_has_a_table_and_a_line(tmp_path: Path) -> None:

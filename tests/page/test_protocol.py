@@ -176,6 +176,7 @@ def test_sliders_and_terms_follow_from_the_controllers_declaration() -> None:
         ('acceleration_limit', 0.0, 'acceleration_limit'),
         ('noise_v_x', -0.1, 'noise'),
         ('motor_delay', -0.1, 'delay'),
+        ('sensor_delay', -0.1, 'sensor_delay'),
     ],
 )
 def test_a_slider_refuses_a_value_with_the_sentence_of_python(
