@@ -1,13 +1,18 @@
 """The nodes of barc_sim: the class of each, what it does, its topics and its services.
 
-`barc node`, `ros2 run barc_sim`, `barc graph` and the pages of the reference derive from `NODES`.
+`barc node`, `ros2 run barc_sim`, `barc graph`, the topics that a run records from its start and the
+pages of the reference derive from `NODES`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from barc_sim.interfaces import services, topics
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 #: The nodes whose parameters a log has.
 SIMULATOR = 'vehicle_simulator'
@@ -141,3 +146,11 @@ NODES = {
 }
 #: Those that run alone, by `barc node NAME` and `ros2 run barc_sim NAME`.
 ALONE = {name: node for name, node in NODES.items() if not node.needs_arguments}
+
+
+def subscriptions_of(node_class: Callable[..., object]) -> tuple[str, ...]:
+    """Return the topics that a node of this class subscribes to; none: it is not in the table."""
+    for node in NODES.values():
+        if (node.module, node.class_name) == (node_class.__module__, node_class.__qualname__):
+            return node.subscribes
+    return ()

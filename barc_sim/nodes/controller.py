@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from barc_interfaces.msg import ECU, ControllerState, LaneState, PidState, ZDynBkMdl
 from nav_msgs.msg import Path
@@ -48,8 +48,6 @@ class CruiseController(Node):
     >>> node.destroy_node()
     >>> rclpy.shutdown()
     """
-
-    inputs: ClassVar = {topics.STATE: ZDynBkMdl, topics.SPEED_REFERENCE: Float64}
 
     def __init__(
         self,

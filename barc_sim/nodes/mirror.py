@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from math import hypot, isfinite
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_interfaces.msg import ZDynBkMdl
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -103,8 +103,6 @@ class MirrorNode(Node):
     """
 
     #: The topics that it subscribes to.
-    inputs: ClassVar = {topics.STATE: ZDynBkMdl}
-
     def __init__(
         self,
         *,

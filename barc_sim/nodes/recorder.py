@@ -184,14 +184,14 @@ class BagRecorder(Node):
             graph = node_graph(self).to_json()
             self._thread.do(lambda writer: writer.add_metadata({'graph': graph}))
 
-    def expect(self, topics: Mapping[str, type[Any]]) -> None:
-        """Record these topics, given with their types, even before they have a publisher.
+    def expect(self, topics: Mapping[str, str]) -> None:
+        """Record topics even before they have a publisher; `topics` has their types by name.
 
         Call it before the nodes that subscribe to them are created: a publisher that waits for a
         subscription may send one message and end.
         """
-        for name, message_type in topics.items():
-            self._source.expect(self.resolve_topic_name(name), message_type)
+        for name, type_name in topics.items():
+            self._source.expect(self.resolve_topic_name(name), type_name)
 
     def _on_failure(self, failure: str) -> None:
         self.get_logger().error(failure)

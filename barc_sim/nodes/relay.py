@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from barc_interfaces.msg import ECU, ZDynBkMdl
 from geometry_msgs.msg import Twist
@@ -42,8 +42,6 @@ class Relay(Node):
     >>> relay.destroy_node()
     >>> rclpy.shutdown()
     """
-
-    inputs: ClassVar = {topics.CMD_VEL: Twist, topics.STATE: ZDynBkMdl}
 
     def __init__(self, *, driver: Driver | None = None, **options: Any) -> None:  # noqa: ANN401
         """Declare the parameters, and publish commands; `driver` replaces barc_sim's own.

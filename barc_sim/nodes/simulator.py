@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from barc_interfaces.msg import ECU, AppliedCommand, Environment, EZDynBkMdl, TrackState, ZDynBkMdl
 from builtin_interfaces.msg import Time
@@ -75,8 +75,6 @@ class VehicleSimulator(Node):
     >>> simulator.destroy_node()
     >>> rclpy.shutdown()
     """
-
-    inputs: ClassVar = {topics.ECU: ECU, topics.INITIAL_POSE: PoseWithCovarianceStamped}
 
     def __init__(
         self,

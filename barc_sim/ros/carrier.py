@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import rclpy
 from rclpy.exceptions import InvalidTopicNameException
@@ -35,7 +35,7 @@ class RecorderSubscriptions(Protocol):
     def left_out(self) -> Mapping[str, str]:
         """Why a topic cannot be recorded, by its name."""
 
-    def expect(self, name: str, message_type: type[Any]) -> None:
+    def expect(self, name: str, type_name: str) -> None:
         """Subscribe to a selected topic before it has a publisher."""
 
     def discover(self) -> None:

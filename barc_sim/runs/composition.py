@@ -11,6 +11,7 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 
 from barc_sim.errors import UserError
+from barc_sim.interfaces.nodes import subscriptions_of
 from barc_sim.lab.files import UserCodeError
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.runs.ros_arguments import warn_of_unused
@@ -97,8 +98,8 @@ class Run:
     ) -> Any:  # noqa: ANN401 (of `kind`)
         """Add a node to the run.
 
-        The topics in `kind.inputs` are recorded from the node's start, other topics once they are
-        discovered.
+        The topics that `NODES` lists as the node's subscriptions are recorded from its start, other
+        topics once they are discovered.
 
         Parameters
         ----------
@@ -125,7 +126,7 @@ class Run:
             A parameter is out of range, a topic is in use, or a remapping moves every car.
         """
         if self.bag:
-            self.bag.expect(getattr(kind, 'inputs', {}), namespace)
+            self.bag.expect(subscriptions_of(kind), namespace)
 
         overrides = []
         for name, value in (parameters or {}).items():

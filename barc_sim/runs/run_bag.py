@@ -13,6 +13,7 @@ import yaml
 from barc_sim import __version__
 from barc_sim.bags.metadata import track_file
 from barc_sim.control.cruise_control import GAINS
+from barc_sim.interfaces.topics import MESSAGE_TYPES
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.nodes.simulator import VehicleSimulator
@@ -22,7 +23,7 @@ from barc_sim.runs.recording_options import recording
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Sequence
 
     from rclpy.node import Node
 
@@ -45,13 +46,13 @@ class RunBag:
         )
         self.recorder.attach(user_code.attachments())
 
-    def expect(self, inputs: Mapping[str, type[Any]], namespace: str) -> None:
-        """Record these topics of a namespace, given with their types, from now on.
+    def expect(self, topics: Iterable[str], namespace: str) -> None:
+        """Record these topics of a namespace from now on.
 
         A publisher may wait for the subscription of a new node, send one message, and end.
         """
         prefix = f'{namespace.rstrip("/")}/' if namespace else ''
-        self.recorder.expect({prefix + name: kind for name, kind in inputs.items()})
+        self.recorder.expect({prefix + name: MESSAGE_TYPES[name] for name in topics})
 
     def describe(self, argv: Sequence[str], nodes: Sequence[Node], track: Track | None) -> None:
         """Add the command line, the parameters, the graph and the track, and record all nodes."""

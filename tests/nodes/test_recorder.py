@@ -266,7 +266,7 @@ def test_late_publisher_that_offers_less_costs_the_others_nothing(
 def test_a_topic_is_recorded_before_it_has_a_publisher(
     recorder: BagRecorder, talker: Node, stranger: Node
 ) -> None:
-    recorder.expect({'asked': Float64, 'silent': Float64})
+    recorder.expect(dict.fromkeys(('asked', 'silent'), 'std_msgs/msg/Float64'))
     for name in ('wanted', 'silent_too'):
         talker.create_subscription(Float64, name, lambda _: None, 10)
     recorder.discover()
@@ -294,7 +294,7 @@ def test_a_topic_is_recorded_as_its_publishers_offer_it(
     recorder: BagRecorder, talker: Node, qos: QoSProfile | int, *, expected: bool
 ) -> None:
     if expected:
-        recorder.expect({'value': Float64})
+        recorder.expect({'value': 'std_msgs/msg/Float64'})
     publisher = talker.create_publisher(Float64, 'value', qos)
     recorder.discover()
     publisher.publish(Float64(data=1.0))
@@ -539,7 +539,7 @@ def test_a_second_type_of_a_topic_is_named_and_costs_the_first_nothing(
 ) -> None:
     other = stranger.create_publisher(ColorRGBA, 'value', LATCHED)
     if expected:
-        recorder.expect({'value': Float64})
+        recorder.expect({'value': 'std_msgs/msg/Float64'})
     # DDS accepts one type of a topic in a participant, which is the recorder's, too.
     talker.create_subscription(Float64, 'value', lambda _: None, 10)
     wait_for(lambda: recorder.discover() or bool(recorder.missing.left_out))

@@ -11,7 +11,7 @@ import pytest
 from node_bench import overrides
 
 from barc_sim.interfaces import topics
-from barc_sim.interfaces.nodes import ALONE, CONTROLLER, NODES, SIMULATOR
+from barc_sim.interfaces.nodes import ALONE, CONTROLLER, NODES, SIMULATOR, subscriptions_of
 from barc_sim.interfaces.services import SERVICE_TYPES
 from barc_sim.interfaces.topics import EVERYONES, MESSAGE_TYPES
 
@@ -93,6 +93,13 @@ def test_a_node_has_the_name_the_topics_and_the_services_of_the_table(
         assert MESSAGE_TYPES.get(topic, kind) == kind
     for service in own_services:
         assert served[service] == SERVICE_TYPES[service]
+
+
+def test_the_subscriptions_of_a_class_are_those_of_its_row() -> None:
+    for description in NODES.values():
+        node_class = getattr(import_module(description.module), description.class_name)
+        assert subscriptions_of(node_class) == description.subscribes
+    assert subscriptions_of(SimpleNamespace) == ()
 
 
 def test_every_topic_and_service_belongs_to_a_node() -> None:

@@ -48,7 +48,7 @@ class LocalSubscriptions:
         self._write: Callable[[], object] | None = None
         self.left_out: Mapping[str, str] = {}  #: topics that cannot be recorded: none
 
-    def expect(self, name: str, message_type: type[Any]) -> None:
+    def expect(self, name: str, type_name: str) -> None:
         """Do nothing: a new publisher is discovered at once."""
 
     def discover(self) -> None:

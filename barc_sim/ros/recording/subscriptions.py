@@ -63,10 +63,10 @@ class TopicSubscriptions:
         """Why a topic cannot be recorded, by its name."""
         return self._failures.left_out
 
-    def expect(self, name: str, message_type: type[Any]) -> None:
+    def expect(self, name: str, type_name: str) -> None:
         """Subscribe, reliably, to a selected topic before it has a publisher or subscriptions."""
-        if self._is_selected(name, [type_name_of(message_type)]) and name not in self._topics:
-            self._subscribe_early(name, message_type, QoSProfile(depth=self._depth))
+        if self._is_selected(name, [type_name]) and name not in self._topics:
+            self._subscribe_early(name, message_class(type_name), QoSProfile(depth=self._depth))
 
     def discover(self) -> None:
         """Subscribe to each selected topic with a new publisher since the last call.
