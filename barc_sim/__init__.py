@@ -54,7 +54,7 @@ The way of a state, from the model to the plot of a run with ROS:
 2. `nodes/start_gate.py` waits for a controller. Then the `Stepper` of `simulation/stepper.py` has
    the first state published: there is none before.
 3. `Plant.observe` in `vehicle/plant.py` measures the state.
-4. `nodes/simulator.py` (`publish_state`) publishes it: `fill` of `ros/node_helpers.py` copies the
+4. `nodes/simulator.py` (`publish_state`) publishes it: `fill` of `ros/conversions.py` copies the
    record into a message.
 5. `nodes/controller.py` passes it to `CruiseControl` in `control/cruise_control.py`, whose pilot
    (`control/pilots.py`) answers with a command.

@@ -15,14 +15,11 @@ from barc_sim.control.speed import ACCELERATION_LIMIT
 from barc_sim.interfaces import qos, services, topics
 from barc_sim.interfaces.records import VehicleState
 from barc_sim.interfaces.stamps import to_nanoseconds
-from barc_sim.ros.node_helpers import (
-    Outputs,
-    RefusedInput,
-    declare,
-    declare_track,
-    frames,
-)
+from barc_sim.ros.conversions import frames
+from barc_sim.ros.outputs import Outputs
+from barc_sim.ros.parameters import declare, declare_track
 from barc_sim.ros.poses import to_poses
+from barc_sim.ros.refused_input import RefusedInput
 
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter

@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 from barc_sim.control.driver import FULL_BRAKE, RATE
 from barc_sim.control.keyboard import HeldKeys, Terminal
 from barc_sim.interfaces import qos, services, topics
-from barc_sim.ros.node_helpers import to_twist
+from barc_sim.ros.conversions import to_twist
 
 
 class Keyboard(Node):

@@ -9,7 +9,7 @@ from geometry_msgs.msg import Point, Vector3
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from barc_sim.ros.node_helpers import to_header
+from barc_sim.ros.conversions import to_header
 from barc_sim.ros.poses import to_poses
 
 if TYPE_CHECKING:

@@ -24,12 +24,8 @@ from barc_sim.interfaces import qos, topics
 from barc_sim.interfaces.parameters import ParameterDeclaration
 from barc_sim.interfaces.stamps import NANOSECONDS, to_nanoseconds
 from barc_sim.nodes.markers import car_markers, road_markers, track_markers
-from barc_sim.ros.node_helpers import (
-    declare,
-    declare_track,
-    frames,
-    to_header,
-)
+from barc_sim.ros.conversions import frames, to_header
+from barc_sim.ros.parameters import declare, declare_track
 from barc_sim.ros.poses import to_pose, to_poses
 from barc_sim.vehicle.road import Road
 

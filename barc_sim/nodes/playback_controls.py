@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 
 from barc_sim.bags.playback_settings import RATE, SEEK_TO
 from barc_sim.interfaces import services
-from barc_sim.ros.node_helpers import declare, descriptor
+from barc_sim.ros.parameters import declare, descriptor
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

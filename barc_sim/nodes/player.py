@@ -28,7 +28,7 @@ from barc_sim.nodes.playback_clock import PlaybackClock, Wake
 from barc_sim.nodes.playback_controls import PlaybackControls
 from barc_sim.nodes.playback_publishers import PlaybackPublishers
 from barc_sim.nodes.playback_rosbag2 import Rosbag2PlayerServices
-from barc_sim.ros.node_helpers import to_header
+from barc_sim.ros.conversions import to_header
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -50,7 +50,7 @@ from barc_sim.bags.writer_thread import WriterThread
 from barc_sim.interfaces import services
 from barc_sim.interfaces.topics import CLOCK, MESSAGE_TYPES
 from barc_sim.ros.carrier import find_carrier
-from barc_sim.ros.node_helpers import declare
+from barc_sim.ros.parameters import declare
 from barc_sim.ros.peers import node_graph
 
 if TYPE_CHECKING:

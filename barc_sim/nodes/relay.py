@@ -14,7 +14,9 @@ from std_srvs.srv import Trigger
 
 from barc_sim.control.driver import PARAMETERS, Driver
 from barc_sim.interfaces import qos, services, topics
-from barc_sim.ros.node_helpers import RefusedInput, declare, fill, frames, to_driver_input
+from barc_sim.ros.conversions import fill, frames, to_driver_input
+from barc_sim.ros.parameters import declare
+from barc_sim.ros.refused_input import RefusedInput
 
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter

@@ -18,16 +18,12 @@ from barc_sim.interfaces import qos, services, topics
 from barc_sim.interfaces.records import Command
 from barc_sim.interfaces.stamps import split_time, to_nanoseconds
 from barc_sim.nodes.start_gate import PeerWatch, StartGate
-from barc_sim.ros.node_helpers import (
-    RefusedInput,
-    Subscribed,
-    declare,
-    declare_track,
-    fill,
-    frames,
-)
+from barc_sim.ros.conversions import fill, frames
+from barc_sim.ros.outputs import Subscribed
+from barc_sim.ros.parameters import declare, declare_track
 from barc_sim.ros.peers import claim
 from barc_sim.ros.poses import to_state_at_rest
+from barc_sim.ros.refused_input import RefusedInput
 from barc_sim.simulation.scenario import Scenario
 from barc_sim.simulation.stepper import Stepper, StepperOptions, parameters
 from barc_sim.vehicle.bike_model import bikeFE

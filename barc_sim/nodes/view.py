@@ -28,7 +28,8 @@ from barc_sim.page.protocol import (
     node_of,
 )
 from barc_sim.page.run_page import RunPage
-from barc_sim.ros.node_helpers import declare, to_twist
+from barc_sim.ros.conversions import to_twist
+from barc_sim.ros.parameters import declare
 
 if TYPE_CHECKING:
     from barc_sim.control.driver import DriverInput

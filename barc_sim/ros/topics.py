@@ -79,12 +79,6 @@ def _generated(package: ModuleType, name: str) -> Any:  # noqa: ANN401 (any attr
     return getattr(importlib.import_module(whole.__module__), name)
 
 
-def type_name_of(kind: type[Any]) -> str:
-    """Return the name of a message's class, such as `std_msgs/msg/String`."""
-    package, interface, _ = kind.__module__.split('.')
-    return f'{package}/{interface}/{kind.__name__}'
-
-
 def request(endpoints: Sequence[TopicEndpointInfo], depth: int) -> QoSProfile:
     """Return the strongest QoS that all publishers offer, as rosbag2 requests it.
 

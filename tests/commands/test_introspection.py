@@ -21,7 +21,7 @@ from barc_sim.bags.metadata import to_yaml
 from barc_sim.figures.graph_figure import lines
 from barc_sim.interfaces.parameters import ParameterDeclaration
 from barc_sim.ros.introspection import plain
-from barc_sim.ros.node_helpers import declare
+from barc_sim.ros.parameters import declare
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -18,7 +18,7 @@ from barc_sim import LQR, PID, Vehicle, simulate, sweep
 from barc_sim.control.cruise_control import LIMIT, SPEED, gain_parameters
 from barc_sim.control.pilots import as_pilot
 from barc_sim.errors import UserError
-from barc_sim.ros.node_helpers import declare
+from barc_sim.ros.parameters import declare
 from barc_sim.simulation.scenario import LIMITS, Scenario
 from barc_sim.simulation.stepper import parameters
 from barc_sim.vehicle.bicycles import LateralParameters

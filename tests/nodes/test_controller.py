@@ -23,7 +23,7 @@ from barc_sim.interfaces import qos, topics
 from barc_sim.interfaces.records import Command
 from barc_sim.interfaces.stamps import to_nanoseconds
 from barc_sim.nodes.controller import CruiseController
-from barc_sim.ros.node_helpers import to_header
+from barc_sim.ros.conversions import to_header
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -21,7 +21,7 @@ from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
 from barc_sim.control.keyboard import Terminal
 from barc_sim.interfaces import qos, services
 from barc_sim.nodes.keyboard import Keyboard
-from barc_sim.ros.node_helpers import to_driver_input
+from barc_sim.ros.conversions import to_driver_input
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -21,7 +21,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from barc_sim.interfaces import qos
 from barc_sim.interfaces.stamps import to_nanoseconds
 from barc_sim.nodes.mirror import MirrorNode, RunDiagnostics, diagnose
-from barc_sim.ros.node_helpers import to_header
+from barc_sim.ros.conversions import to_header
 from barc_sim.ros.poses import to_state_at_rest
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.track import Track

@@ -421,7 +421,7 @@ def test_a_volatile_override_leaves_out_what_a_publisher_has_kept(
     publisher = talker.create_publisher(Float64, 'value', LATCHED)
     publisher.publish(Float64(data=1.0))
     if expected:
-        recorder.expect({'value': Float64})
+        recorder.expect({'value': 'std_msgs/msg/Float64'})
     recorder.discover()
     publisher.publish(Float64(data=2.0))
     assert kept(recorder, '/value', Float64) == [Float64(data=2.0)]
@@ -457,7 +457,7 @@ def test_nothing_over_a_best_effort_override_is_an_unknown_loss(
 
 @recording(topic_types=['std_msgs/msg/Float64'], exclude_topic_types=['std_msgs/msg/ColorRGBA'])
 def test_topics_are_chosen_by_their_type(recorder: BagRecorder, talker: Node) -> None:
-    recorder.expect({'asked': Float64, 'color': ColorRGBA})
+    recorder.expect({'asked': 'std_msgs/msg/Float64', 'color': 'std_msgs/msg/ColorRGBA'})
     publishers = [talker.create_publisher(Float64, name, 10) for name in ('asked', 'found')]
     publishers.append(talker.create_publisher(ColorRGBA, 'color', 10))
     recorder.discover()

@@ -31,7 +31,7 @@ from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.nodes.view import ViewNode
 from barc_sim.page.protocol import CAR, RunFacts, Status, lap_facts, stretch_facts
-from barc_sim.ros.node_helpers import to_header
+from barc_sim.ros.conversions import to_header
 from barc_sim.simulation.closed_loop import lap
 from barc_sim.simulation.metrics import track_laps_of
 from barc_sim.vehicle.bike_model import BicycleState, Vehicle, motion, step

@@ -13,7 +13,7 @@ from barc_sim.ros.peers import of_participant
 from barc_sim.ros.recording.failures import Failures
 from barc_sim.ros.recording.polled import Taker, subscribe
 from barc_sim.ros.recording.topic import RecordedTopic
-from barc_sim.ros.topics import describe, message_class, overriding, request, type_name_of
+from barc_sim.ros.topics import describe, message_class, overriding, request
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -24,7 +24,7 @@ from barc_sim.control.driver import Driver, DriverInput
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.relay import Relay
 from barc_sim.nodes.simulator import VehicleSimulator
-from barc_sim.ros.node_helpers import to_twist
+from barc_sim.ros.conversions import to_twist
 
 if carrier == 'QuickExecutor':
     from barc_sim.ros.executor import QuickExecutor as Executor
