@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 import zlib
 from collections import Counter, defaultdict
-from contextlib import suppress
 from struct import Struct
 from typing import TYPE_CHECKING
 
@@ -169,8 +168,8 @@ class McapFileWriter:
     """Writes a new MCAP file; not to be shared among threads.
 
     All is collected in memory: messages in a chunk, which ends when it is large enough, and ended
-    chunks in a block, which `commit` appends to the file, whole or not at all. `finish` adds the
-    summary to the block, after which there are no more messages.
+    chunks in a block, which `commit` appends to the file, whole or not at all. The first `commit`
+    makes the file. `finish` adds the summary to the block, after which there are no more messages.
 
     Parameters
     ----------
@@ -182,11 +181,6 @@ class McapFileWriter:
         Size [B] from which on the file accepts no message; 0: any.
     max_duration
         Likewise the time [ns] after the first message.
-
-    Raises
-    ------
-    OSError
-        The file exists or cannot be made.
     """
 
     def __init__(
@@ -205,7 +199,6 @@ class McapFileWriter:
         self._max_size = max_size
         self._max_duration = max_duration
         self._start: int | None = None  # [ns] the earliest message
-        self._is_extended = False  # whether the file accepts any message up to its next chunk
 
         # What the file has: messages that a chunk in progress still collects are not counted.
         self.span = Span()
@@ -318,14 +311,9 @@ class McapFileWriter:
                 earliest, latest = self._accepted_times()
         return None
 
-    def extend(self) -> None:
-        """Accept messages until the next chunk ends, although the file is full."""
-        self._is_extended = True
-
     def _accepted_times(self) -> tuple[int, int]:
         """Return the first and the last time of reception [ns] that need no further look."""
-        is_limited = self._max_size or self._max_duration
-        if self._is_extended or not is_limited:
+        if not self._max_size and not self._max_duration:
             return _ALWAYS
         if self._start is None or self._is_too_large:
             return _NEVER
@@ -351,7 +339,6 @@ class McapFileWriter:
 
     def end_chunk(self) -> None:
         """End the chunk in progress, so that it can be committed."""
-        self._is_extended = False
         counts = {channel: len(pairs) // 2 for channel, pairs in self._chunk.pairs.items()}
         if not counts:
             return
@@ -393,12 +380,6 @@ class McapFileWriter:
     def close(self) -> None:
         """Close the file; what was not committed is dropped."""
         self._appender.close()
-
-    def discard(self) -> None:
-        """Close and remove the file."""
-        self.close()
-        with suppress(OSError):
-            self.path.unlink()
 
     def _put(self, data: bytes) -> None:
         """Add data to the file's next block."""

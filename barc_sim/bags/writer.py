@@ -28,8 +28,8 @@ class BagWriter:
     metadata. `close` writes metadata.yaml. A directory without it holds the bag of a killed run,
     which lacks only the last chunk and the end of the last file.
 
-    A method that raises OSError loses nothing: the data is kept, and `flush` tries again. While the
-    next file cannot be made, the full one goes on.
+    A method that raises OSError loses nothing: the data is kept, and `flush` tries again. A file is
+    made once the last one is whole.
 
     Parameters
     ----------
@@ -61,7 +61,6 @@ class BagWriter:
     ) -> None:
         self.directory = directory
         self.closed = False
-        self.split_failure: OSError | None = None  #: why the full file goes on
         self._metadata = dict(metadata or {})
         self._format = file_format
         self._max_size = max_size
@@ -71,17 +70,13 @@ class BagWriter:
         self._unfinished: list[McapFileWriter] = []  # whose data is not all on the disk
         #: What readers found in truncated files, by name and size.
         self._remaining: dict[tuple[str, int], dict[str, int]] = {}
+        self._begin_file()
         try:
-            self._begin_file()
+            self._commit()
         except OSError as error:
             raise UserError(
-                f'the bag {str(self._next_path)!r} cannot be made ({error.strerror}): '
-                'name another folder'
+                f'the bag {str(self.file)!r} cannot be made ({error.strerror}): name another folder'
             ) from error
-
-    @property
-    def _next_path(self) -> Path:
-        return self.directory / f'{self.directory.absolute().name}_{len(self._files)}.mcap'
 
     @property
     def _file(self) -> McapFileWriter:
@@ -153,24 +148,15 @@ class BagWriter:
         remaining = iter(messages)
         excess = self._file.write(remaining)
         while excess is not None:
-            try:
-                self._split()
-            except OSError as error:
-                self.split_failure = error
-                self._file.extend()
+            self._next_file()
+            with suppress(OSError):  # the last line tries again
+                self._commit()
             excess = self._file.write(chain([excess], remaining))
         self._commit()
 
     def split(self) -> None:
-        """Finish the file and begin the next one.
-
-        Raises
-        ------
-        OSError
-            The next file cannot be made, and the last one goes on; or the end of the last one could
-            not be written.
-        """
-        self._split()
+        """Finish the file and begin the next one."""
+        self._next_file()
         self._commit()
 
     def flush(self) -> None:
@@ -201,32 +187,26 @@ class BagWriter:
         )
 
     def _begin_file(self) -> None:
-        """Begin the next file; OSError: it cannot be made, and nothing has changed."""
+        """Begin the next file, which `_commit` makes."""
+        name = f'{self.directory.absolute().name}_{len(self._files)}.mcap'
         file = McapFileWriter(
-            self._next_path,
+            self.directory / name,
             self._format,
             max_size=self._max_size,
             max_duration=self._max_duration,
         )
-        try:
-            if self._metadata:
-                file.put_metadata(METADATA_NAME, self._metadata)
-            file.commit()
-        except OSError:
-            file.discard()
-            raise
+        if self._metadata:
+            file.put_metadata(METADATA_NAME, self._metadata)
         self._files.append(file)
         self._unfinished.append(file)
 
-    def _split(self) -> None:
-        """Begin the next file, and finish the last one, which `_commit` writes."""
-        last = self._file
+    def _next_file(self) -> None:
+        """Finish the file and begin the next one, both of which `_commit` writes."""
+        self._file.finish(self._metadata)
         self._begin_file()
-        last.finish(self._metadata)
-        self.split_failure = None
 
     def _commit(self) -> None:
-        """Write the finished chunks."""
+        """Write what is finished, file by file."""
         for file in self._unfinished.copy():
             file.commit()
             if file is not self._file:

@@ -96,7 +96,6 @@ class WriterThread:
         self.before_clock = 0  #: number of messages left out before the first `/clock`
         self._unwritten: Counter[str] = Counter()  # by topic, after `close`
         self._warned_of_losses = False
-        self._warned_of_split = False
 
         # Taking, under its lock.
         self._clock: int | None = None  # [ns] the latest `/clock`
@@ -250,7 +249,6 @@ class WriterThread:
                 self._chunk_due = time.monotonic() + _CHUNK_PERIOD
                 self._check_disk()
                 self._writer.flush()
-                self._warn_of_split()
                 self._stuck = False
         except OSError as error:
             self._fail(error)
@@ -280,14 +278,6 @@ class WriterThread:
 
     def _report(self, error: Exception) -> None:
         self._on_failure(f'writing to {str(self._writer.directory)!r} failed: {_reason(error)}')
-
-    def _warn_of_split(self) -> None:
-        """Warn when a full file goes on; again only after a split has worked."""
-        failure = self._writer.split_failure
-        if failure and self._on_warning and not self._warned_of_split:
-            name = self._writer.file.name
-            self._on_warning(f'{name!r} goes on beyond its size, as {_reason(failure)}')
-        self._warned_of_split = failure is not None
 
     # Requests
 
@@ -319,7 +309,7 @@ class WriterThread:
         Raises
         ------
         UserError
-            The bag cannot be split, and the recording goes on in the same file.
+            The disk refuses that now. The split comes once the disk accepts data again.
         """
         with self._source_lock:
             self._poll()
@@ -328,9 +318,10 @@ class WriterThread:
             try:
                 self._writer.split()
             except OSError as error:
-                directory = str(self._writer.directory)
+                self._fail(error)
                 raise UserError(
-                    f'the bag {directory!r} cannot be split ({_reason(error)}): make space'
+                    f'the bag {str(self._writer.directory)!r} cannot be split yet '
+                    f'({_reason(error)}): make space'
                 ) from error
 
     def snapshot(self) -> bool:

@@ -32,6 +32,7 @@ from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from io import FileIO
     from pathlib import Path
 
 NAME = VALUE.type
@@ -184,13 +185,13 @@ def test_a_block_that_does_not_fit_leaves_the_file_as_it_was_and_can_be_retried(
     appender.commit()
     put = AtomicAppender.put
 
-    def short(self: AtomicAppender, data: bytes) -> None:
-        put(self, data[:4])
+    def short(file: FileIO, data: bytes) -> None:
+        put(file, data[:4])
         raise OSError(28, 'No space left on device')
 
     appender.write(b'defghi')
     with monkeypatch.context() as patch:
-        patch.setattr(AtomicAppender, 'put', short)
+        patch.setattr(AtomicAppender, 'put', staticmethod(short))
         for _ in range(2):
             with pytest.raises(OSError, match='No space left'):
                 appender.commit()

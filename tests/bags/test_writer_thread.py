@@ -22,6 +22,7 @@ from barc_sim.bags.writer_thread import WriterThread
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from io import FileIO
     from pathlib import Path
 
 TOPIC = Topic(
@@ -138,13 +139,13 @@ def test_messages_that_the_disk_refuses_until_the_end_are_counted(
     put = AtomicAppender.put
     room = [70_000 if messages > 3 else 0]
 
-    def fill(self: AtomicAppender, data: bytes) -> None:
+    def fill(file: FileIO, data: bytes) -> None:
         if len(data) > room[0]:
             raise OSError(28, 'No space left on device')
         room[0] -= len(data)
-        put(self, data)
+        put(file, data)
 
-    monkeypatch.setattr(AtomicAppender, 'put', fill)
+    monkeypatch.setattr(AtomicAppender, 'put', staticmethod(fill))
     for first in range(2, messages + 2, 500):
         source.put(*range(first, min(first + 500, messages + 2)))
         idle._chunk_due = 0.0  # noqa: SLF001 (as if time had passed)
@@ -248,12 +249,12 @@ class Disk:
         self.released = threading.Event()
         put = AtomicAppender.put
 
-        def stall(appender: AtomicAppender, data: bytes) -> None:
+        def stall(file: FileIO, data: bytes) -> None:
             self.is_stalled.set()
             self.released.wait(30.0)
-            put(appender, data)
+            put(file, data)
 
-        monkeypatch.setattr(AtomicAppender, 'put', stall)
+        monkeypatch.setattr(AtomicAppender, 'put', staticmethod(stall))
 
 
 @pytest.fixture
@@ -270,11 +271,11 @@ def test_messages_wait_in_the_cache_while_the_disk_stalls(
     cached.start()
     source.put(0)
     assert disk.is_stalled.wait(30.0)
-    for number in range(1, 50):
+    for number in range(1, 5):
         source.put(number)
         wait_for(lambda: not source)
     disk.released.set()
-    wait_for(lambda: recorded(tmp_path) == [*range(50)])
+    wait_for(lambda: recorded(tmp_path) == [*range(5)])
     assert not cached.unwritten
 
 
