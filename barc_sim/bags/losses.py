@@ -73,11 +73,12 @@ class Missing:
         if self.before_clock:
             yield 'not recorded before /clock', f'{self.before_clock} messages'
 
-    def summary(self, counts: Mapping[str, int]) -> str:
+    def summary(self, counts: Mapping[str, int], files: int = 1) -> str:
         """Return lines with the numbers of recorded and lost messages, and what is left out.
 
-        `counts` has the number of recorded messages, by topic.
+        `counts` has the number of recorded messages, by topic; they are in so many `files`.
         """
         more = ' or more' if self.unknown else ''
-        first = f'recorded {sum(counts.values())} messages, lost {self.total}{more}'
+        where = f' in {files} files' if files > 1 else ''
+        first = f'recorded {sum(counts.values())} messages{where}, lost {self.total}{more}'
         return '\n'.join([first, *(f'{name}: {text}' for name, text in self._entries())])

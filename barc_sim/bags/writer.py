@@ -89,6 +89,11 @@ class BagWriter:
         return self._file.path
 
     @property
+    def files(self) -> list[Path]:
+        """The paths of all files, in order."""
+        return [file.path for file in self._files]
+
+    @property
     def in_place(self) -> bool:
         """Whether the files that are written to are still where they were made."""
         return all(file.in_place for file in self._unfinished)

@@ -43,6 +43,7 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from barc_sim.bags.directory import check_space, make_directory
+from barc_sim.bags.file_format import file_format
 from barc_sim.bags.losses import Missing
 from barc_sim.bags.recording_settings import BAG_DIR, Recording
 from barc_sim.bags.writer import BagWriter
@@ -134,7 +135,13 @@ class BagRecorder(Node):
         root = Path(declare(self, [bag_dir])['bag_dir'])
 
         check_space(path or root, recording.reserve)
-        self._writer = BagWriter(make_directory(path, root), metadata=self._metadata)
+        self._writer = BagWriter(
+            make_directory(path, root),
+            metadata=self._metadata,
+            file_format=file_format(recording.compression_format, recording.storage_preset_profile),
+            max_size=recording.max_bag_size,
+            max_duration=recording.max_bag_duration,
+        )
         self._thread = WriterThread(
             self._writer, self._source.take, recording.reserve, self._on_failure
         )
@@ -205,6 +212,11 @@ class BagRecorder(Node):
         return self._writer.directory
 
     @property
+    def files(self) -> list[Path]:
+        """The files of the bag, in order."""
+        return self._writer.files
+
+    @property
     def counts(self) -> dict[str, int]:
         """Number of messages in the bag's files, by topic."""
         return self._writer.on_disk
@@ -228,7 +240,7 @@ class BagRecorder(Node):
     @property
     def summary(self) -> str:
         """Lines with the numbers of recorded and lost messages, and what is left out."""
-        return self.missing.summary(self.counts)
+        return self.missing.summary(self.counts, len(self.files))
 
     @property
     def is_paused(self) -> bool:

@@ -8,12 +8,15 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+from barc_sim.bags.file_format import COMPRESSION_FORMATS, STORAGE_PRESETS
 from barc_sim.bags.qos_overrides import read_qos_overrides
 from barc_sim.bags.recording_settings import Recording
-from barc_sim.cli.parser import number
+from barc_sim.cli.parser import number, whole
 from barc_sim.errors import UserError
 
 _MAX_SIZE = 2**60  #: [B]
+_MIN_SPLIT = 1024  #: [B] as rosbag2 has it
+_MAX_DURATION = 1e9  #: [s]
 _TYPE_NAME = re.compile(r'\w+/(msg|srv|action)/\w+')
 
 
@@ -27,6 +30,44 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
         default=Recording.min_free_space,
         metavar='MIB',
         help=f'space to leave free on the disk ({Recording.min_free_space:g} MiB)',
+    )
+    _add_splitting(group)
+    _add_storage(group)
+
+
+def _add_splitting(parser: argparse._ActionsContainer) -> None:
+    """Add when to begin the next file."""
+    parser.add_argument(
+        '-b',
+        '--max-bag-size',
+        type=split_size,
+        default=Recording.max_bag_size,
+        metavar='BYTES',
+        help='begin a new file when one has this size (0: never)',
+    )
+    parser.add_argument(
+        '-d',
+        '--max-bag-duration',
+        type=number(0.0, _MAX_DURATION),
+        default=Recording.max_bag_duration,
+        metavar='S',
+        help='begin a new file when the messages of one last so long [s] (0: never)',
+    )
+
+
+def _add_storage(parser: argparse._ActionsContainer) -> None:
+    """Add the compression."""
+    parser.add_argument(
+        '--compression-format',
+        choices=COMPRESSION_FORMATS,
+        default=Recording.compression_format,
+        help=f'compression of the messages ({Recording.compression_format})',
+    )
+    parser.add_argument(
+        '--storage-preset-profile',
+        choices=[name for name in STORAGE_PRESETS if name],
+        default=Recording.storage_preset_profile,
+        help="rosbag2's settings of an MCAP file; they replace --compression-format",
     )
 
 
@@ -103,6 +144,14 @@ def recording(options: argparse.Namespace) -> Recording:
     """Return the settings on the command line; an option that it lacks has its default."""
     names = [field.name for field in fields(Recording) if hasattr(options, field.name)]
     return Recording(**{name: getattr(options, name) for name in names})
+
+
+def split_size(text: str) -> int:
+    """Return the size of a file [B] on the command line; 0: there is no limit."""
+    size = whole(0, _MAX_SIZE)(text)
+    if 0 < size < _MIN_SPLIT:
+        raise argparse.ArgumentTypeError(f'{size} is too small: give 0 or at least {_MIN_SPLIT}')
+    return size
 
 
 def pattern(text: str) -> re.Pattern[str]:

@@ -11,6 +11,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+import mcap_doctor
 import yaml
 from barc_interfaces.msg import ECU
 from builtin_interfaces.msg import Time
@@ -628,6 +629,37 @@ def test_services_pause_and_resume(
     recorder.close()
     assert recorder.counts['/value'] == 1
     assert recorder.missing.lost['/value'] == {}
+
+
+@recording(topics=[re.compile('value')], max_bag_duration=0.2, compression_format='lz4')
+def test_a_new_file_begins_after_the_duration(recorder: BagRecorder, talker: Node) -> None:
+    publisher = talker.create_publisher(Float64, 'value', 1000)
+    recorder.discover()
+    sent: list[float] = []
+
+    def has_split() -> bool:
+        sent.append(float(len(sent)))
+        publisher.publish(Float64(data=sent[-1]))
+        return len(recorder.files) == 3
+
+    wait_for(has_split)
+    recorder.close()
+    with AnyReader([recorder.path]) as reader:
+        values: list[Any] = [
+            reader.deserialize(data, connection.msgtype)
+            for connection, _, data in reader.messages()
+        ]
+    assert [value.data for value in values] == sent
+    assert f'recorded {len(sent)} messages in 3 files, lost 0' == recorder.summary
+    for file in recorder.files:
+        mcap_doctor.check(file)
+        with file.open('rb') as stream:
+            summary = SeekingReader(stream, validate_crcs=True).get_summary()
+        assert summary
+        assert summary.statistics
+        assert {index.compression for index in summary.chunk_indexes} == {'lz4'}
+        span = summary.statistics.message_end_time - summary.statistics.message_start_time
+        assert span <= 2e8
 
 
 @recording(start_paused=True)

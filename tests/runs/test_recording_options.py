@@ -61,6 +61,15 @@ def test_without_options_everything_is_recorded_into_one_file() -> None:
     assert parse() == Recording() == recording(Namespace(speed=8.0))
 
 
+def test_rosbag2s_names_set_when_a_file_ends_and_how_it_is_stored() -> None:
+    short = parse('-b', '1024', '-d', '60')
+    assert short == parse('--max-bag-size', '1024', '--max-bag-duration', '60')
+    assert short == Recording(max_bag_size=1024, max_bag_duration=60.0)
+    assert parse('--compression-format', 'lz4') == Recording(compression_format='lz4')
+    preset = parse('--storage-preset-profile', 'fastwrite')
+    assert preset == Recording(storage_preset_profile='fastwrite')
+
+
 def test_start_paused() -> None:
     assert parse('--start-paused').start_paused
 
@@ -76,6 +85,10 @@ def test_quality_of_service_is_read_from_a_file(tmp_path: Path) -> None:
     ('arguments', 'why'),
     [
         (('--topic-types', 'Float64'), "'Float64' is not the name of a type, as in std_msgs/msg/"),
+        (('-b', '-1'), '-1 is not a whole number from 0 to'),
+        (('-b', '1000'), '1000 is too small: give 0 or at least 1024'),
+        (('-d', 'minute'), "'minute' is not a number from 0 to"),
+        (('--storage-preset-profile', ''), 'invalid choice'),
         (('--topics', '('), r"'\(' is not a regular expression"),
         (('--qos-profile-overrides-path', '/'), "'/' is a folder"),
     ],
