@@ -294,6 +294,18 @@ class WriterThread:
             finally:
                 self._lock.release()
 
+    def pause(self) -> None:
+        """Take the waiting messages, and leave out later ones, until `resume`."""
+        with self._source_lock:
+            self._poll()
+            self.paused = True
+
+    def resume(self) -> None:
+        """Leave out the waiting messages, and take later ones."""
+        with self._source_lock:
+            self._poll()
+            self.paused = False
+
     def do(self, action: Callable[[BagWriter], None]) -> None:
         """Call `action` with the bag's writer between two batches, unless the bag is closed."""
         with self._lock:

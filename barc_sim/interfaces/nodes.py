@@ -128,7 +128,12 @@ NODES = {
         module='barc_sim.nodes.recorder',
         class_name='BagRecorder',
         purpose='records every selected topic into a bag',
-        serves=(services.PAUSE_RECORDER, services.RESUME_RECORDER),
+        serves=(
+            services.PAUSE_RECORDER,
+            services.RESUME_RECORDER,
+            services.SPLIT_RECORDER,
+            services.SNAPSHOT_RECORDER,
+        ),
     ),
     'bag_player': NodeDescription(
         module='barc_sim.nodes.player',

@@ -13,14 +13,17 @@ RESET_CONTROLLER = 'controller/reset'  #: resets the controller
 RESET_RELAY = 'relay/reset'  #: clears the driver's input and straightens the wheels
 PAUSE_RECORDER = 'bag_recorder/pause'  #: pauses the recording
 RESUME_RECORDER = 'bag_recorder/resume'  #: resumes the recording
+SPLIT_RECORDER = 'bag_recorder/split_bagfile'  #: ends the file, and begins the next one
+SNAPSHOT_RECORDER = 'bag_recorder/snapshot'  #: writes the messages that a snapshot has in memory
 PAUSE_PLAYER = 'bag_player/pause'  #: pauses the playback
 RESUME_PLAYER = 'bag_player/resume'  #: resumes the playback
 TOGGLE_PLAYER = 'bag_player/toggle_paused'  #: pauses or resumes the playback
 STEP_PLAYER = 'bag_player/play_next'  #: publishes one message while paused
 STOP_PLAYER = 'bag_player/stop'  #: ends the playback
 
-#: Begins the names of the services of `ros2 bag play`, which `barc play` offers, too. Their types
-#: are in the package rosbag2_interfaces, which may not be installed.
+# These begin the names of the services of `ros2 bag record` and `play`, which `barc record` and
+# `play` offer, too. Their types are in the package rosbag2_interfaces, which may not be installed.
+ROSBAG2_RECORDER = 'rosbag2_recorder'
 ROSBAG2_PLAYER = 'rosbag2_player'
 
 #: The type of each service.
@@ -32,6 +35,8 @@ SERVICE_TYPES = {
     RESET_RELAY: 'std_srvs/srv/Trigger',
     PAUSE_RECORDER: 'std_srvs/srv/Trigger',
     RESUME_RECORDER: 'std_srvs/srv/Trigger',
+    SPLIT_RECORDER: 'std_srvs/srv/Trigger',
+    SNAPSHOT_RECORDER: 'std_srvs/srv/Trigger',
     PAUSE_PLAYER: 'std_srvs/srv/Trigger',
     RESUME_PLAYER: 'std_srvs/srv/Trigger',
     TOGGLE_PLAYER: 'std_srvs/srv/Trigger',

@@ -48,6 +48,7 @@ from barc_sim.bags.losses import Missing
 from barc_sim.bags.recording_settings import BAG_DIR, Recording
 from barc_sim.bags.writer import BagWriter
 from barc_sim.bags.writer_thread import WriterThread
+from barc_sim.errors import UserError
 from barc_sim.interfaces import services
 from barc_sim.interfaces.topics import CLOCK, MESSAGE_TYPES
 from barc_sim.ros.carrier import find_carrier
@@ -70,7 +71,7 @@ class BagRecorder(Node):
     nodes' constructors on.
 
     A thread of its own writes the messages. Spinning the node discovers topics, and serves
-    `bag_recorder/pause` and `resume`, of the type Trigger.
+    `bag_recorder/pause`, `resume`, `split_bagfile` and `snapshot`, of the type Trigger.
 
     UserError: the bag cannot be made.
 
@@ -120,10 +121,11 @@ class BagRecorder(Node):
         recording = recording or Recording()
         carrier = carrier or find_carrier()
 
-        self.finished: Future = Future()  #: done when writing has failed
+        self.finished: Future = Future()  #: done when writing has failed, and by `stop`
         self.failure: str | None = None  #: the first failure to write, in a sentence
         self._own_name = self.get_name()  # also needed after the node is destroyed
         self._metadata = dict(metadata or {})
+        self.takes_snapshots = recording.snapshot_mode
         self._graph_size = 0  # number of nodes and topics in the bag's graph
         self._is_announced = False
 
@@ -143,7 +145,13 @@ class BagRecorder(Node):
             max_duration=recording.max_bag_duration,
         )
         self._thread = WriterThread(
-            self._writer, self._source.take, recording.reserve, self._on_failure
+            self._writer,
+            self._source.take,
+            recording.reserve,
+            self._on_failure,
+            cache_size=recording.max_cache_size,
+            snapshot_mode=recording.snapshot_mode,
+            on_warning=self._on_warning,
         )
         self._thread.paused = recording.start_paused
         self._thread.use_sim_time = recording.use_sim_time
@@ -155,6 +163,8 @@ class BagRecorder(Node):
         # Not `~/pause`: a remapping that renames all nodes would give several of them that service.
         self.create_service(Trigger, services.PAUSE_RECORDER, self._on_pause)
         self.create_service(Trigger, services.RESUME_RECORDER, self._on_resume)
+        self.create_service(Trigger, services.SPLIT_RECORDER, self._on_split)
+        self.create_service(Trigger, services.SNAPSHOT_RECORDER, self._on_snapshot)
 
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DISCOVERY_PERIOD, self._on_timer, clock=steady)
@@ -173,9 +183,11 @@ class BagRecorder(Node):
 
     @property
     def _beginning(self) -> str:
-        """When the first message is recorded, as the end of a sentence."""
+        """When the first message is written, as the end of a sentence."""
         if self._thread.paused:
             return ', once it is resumed'
+        if self.takes_snapshots:
+            return ', at each snapshot'
         if self._thread.waits_for_clock:
             return ', from the first message on /clock'
         return ''
@@ -200,11 +212,14 @@ class BagRecorder(Node):
         for name, type_name in topics.items():
             self._source.expect(self.resolve_topic_name(name), type_name)
 
+    def _on_warning(self, warning: str) -> None:
+        self.get_logger().warning(warning)
+
     def _on_failure(self, failure: str) -> None:
         self.get_logger().error(failure)
         if self.failure is None:
             self.failure = failure
-            self.finished.set_result(None)
+            self.stop()
 
     @property
     def path(self) -> Path:
@@ -249,13 +264,45 @@ class BagRecorder(Node):
 
     def pause(self) -> None:
         """Leave out the messages from now on, until `resume`."""
-        self._thread.write_now()  # what has arrived until now
-        self._thread.paused = True
+        self._thread.pause()
 
     def resume(self) -> None:
         """Record again, from the next message on."""
-        self._thread.write_now()  # drops what has arrived until now
-        self._thread.paused = False
+        self._thread.resume()
+
+    def toggle_pause(self) -> None:
+        """Pause or resume."""
+        if self.is_paused:
+            self.resume()
+        else:
+            self.pause()
+
+    def split(self) -> None:
+        """End the file, and begin the next one.
+
+        Raises
+        ------
+        UserError
+            That is impossible, and the recording goes on in the same file.
+        """
+        self._thread.split()
+
+    def snapshot(self) -> bool:
+        """Write the messages that are in memory; return False without snapshot mode."""
+        return self._thread.snapshot()
+
+    def stop(self) -> None:
+        """End the recording: `finished` is done."""
+        if not self.finished.done():
+            self.finished.set_result(None)
+
+    def on_key(self, key: str) -> None:
+        """Handle a key: `space` pauses or resumes, and `quit` ends."""
+        if key == 'space':
+            self.toggle_pause()
+            self.get_logger().info('paused' if self.is_paused else 'resumed')
+        elif key == 'quit':
+            self.stop()
 
     def stamp_with_clock(self) -> None:
         """Stamp messages with `/clock`, once there is one; earlier messages keep their time."""
@@ -300,4 +347,22 @@ class BagRecorder(Node):
         self.resume()
         response.success = True
         response.message = 'recording'
+        return response
+
+    def _on_split(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            self.split()
+        except UserError as error:
+            response.message = str(error)
+        else:
+            response.success = True
+            response.message = f'recording to {str(self.files[-1])!r}'
+        return response
+
+    def _on_snapshot(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self.snapshot()
+        if response.success:
+            response.message = 'the messages in memory are written'
+        else:
+            response.message = 'all messages are written at once: record with --snapshot-mode'
         return response

@@ -56,7 +56,15 @@ def _add_splitting(parser: argparse._ActionsContainer) -> None:
 
 
 def _add_storage(parser: argparse._ActionsContainer) -> None:
-    """Add the compression."""
+    """Add the cache and the compression."""
+    parser.add_argument(
+        '--max-cache-size',
+        type=whole(0, _MAX_SIZE),
+        default=Recording.max_cache_size,
+        metavar='BYTES',
+        help='memory for messages while the disk is slow; beyond it they are lost, and counted; '
+        f'0: they wait in DDS ({Recording.max_cache_size})',
+    )
     parser.add_argument(
         '--compression-format',
         choices=COMPRESSION_FORMATS,
@@ -95,9 +103,15 @@ def _add_types(parser: argparse._ActionsContainer, name: str, description: str) 
 
 
 def add_control_options(parser: argparse._ActionsContainer) -> None:
-    """Add when the recording begins."""
+    """Add when messages are written."""
     parser.add_argument(
         '--start-paused', action='store_true', help='begin paused; a service or a key resumes'
+    )
+    parser.add_argument(
+        '--snapshot-mode',
+        action='store_true',
+        help='keep the newest messages in memory, up to --max-cache-size, and write them at each '
+        'call of the service bag_recorder/snapshot',
     )
 
 

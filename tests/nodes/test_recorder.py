@@ -36,6 +36,7 @@ from std_msgs.msg import ColorRGBA, Float64
 from std_srvs.srv import Trigger
 
 from barc_sim.bags import reader as bag
+from barc_sim.bags.contents import Contents
 from barc_sim.bags.graph import NodeGraph
 from barc_sim.bags.recording_settings import Recording
 from barc_sim.errors import UserError
@@ -622,7 +623,6 @@ def test_services_pause_and_resume(
     assert request_service('pause') == (True, 'paused')
     publisher.publish(Float64(data=1.0))
     assert publisher.wait_for_all_acked(Duration(seconds=100.0))
-    recorder._thread.write_now()  # noqa: SLF001 (takes what came during the pause)
     assert request_service('resume') == (True, 'recording')
     publisher.publish(Float64(data=2.0))
     wait_for(lambda: recorder.counts.get('/value') == 1)
@@ -686,6 +686,60 @@ def test_messages_around_a_pause_are_recorded(recorder: BagRecorder, talker: Nod
         else:
             recorder.resume()
     assert kept(recorder, '/value', Float64) == [Float64(data=1.0), Float64(data=3.0)]
+
+
+@recording(topics=[re.compile('value')])
+def test_a_service_splits_the_bag(
+    recorder: BagRecorder, talker: Node, request_service: Callable[[str], tuple[bool, str]]
+) -> None:
+    publisher = talker.create_publisher(Float64, 'value', 10)
+    recorder.discover()
+    for value in (1.0, 2.0):
+        publisher.publish(Float64(data=value))
+        assert request_service('split_bagfile') == (
+            True,
+            f'recording to {str(recorder.files[-1])!r}',
+        )
+    assert recorder.counts == {'/value': 2}
+    recorder.close()
+    with AnyReader(recorder.files) as reader:
+        assert reader.topics['/value'].msgcount == 2
+    assert [len(Contents(file).counted) for file in recorder.files] == [1, 1, 0]
+
+
+@recording(topics=[re.compile('value')], snapshot_mode=True, max_cache_size=3000)
+def test_a_snapshot_has_the_newest_messages(
+    recorder: BagRecorder, talker: Node, request_service: Callable[[str], tuple[bool, str]]
+) -> None:
+    publisher = talker.create_publisher(Float64, 'value', 100)
+    recorder.discover()
+    recorder.announce()
+    for k in range(50):
+        publisher.publish(Float64(data=float(k)))
+    assert request_service('snapshot') == (True, 'the messages in memory are written')
+    wait_for(lambda: recorder.counts)
+    publisher.publish(Float64(data=-1.0))
+    assert recorder.missing.total == 0
+    values = [message.data for message in kept(recorder, '/value', Float64)]
+    assert 2 < len(values) < 20
+    assert values == [float(k) for k in range(50)][-len(values) :]
+
+
+def test_without_snapshot_mode_the_service_names_the_option(
+    recorder: BagRecorder,  # noqa: ARG001 (is called)
+    request_service: Callable[[str], tuple[bool, str]],
+) -> None:
+    why = 'all messages are written at once: record with --snapshot-mode'
+    assert request_service('snapshot') == (False, why)
+
+
+def test_keys_pause_and_end_it(recorder: BagRecorder) -> None:
+    recorder.on_key('space')
+    assert recorder.is_paused
+    recorder.on_key('space')
+    assert not recorder.is_paused
+    recorder.on_key('quit')
+    assert recorder.finished.done()
 
 
 def test_a_write_error_ends_the_run(recorder: BagRecorder) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from barc_sim.bags.recording_settings import Recording
+from barc_sim.errors import UserError
 from barc_sim.runs.recording_options import (
     add_control_options,
     add_qos_overrides,
@@ -70,8 +71,11 @@ def test_rosbag2s_names_set_when_a_file_ends_and_how_it_is_stored() -> None:
     assert preset == Recording(storage_preset_profile='fastwrite')
 
 
-def test_start_paused() -> None:
-    assert parse('--start-paused').start_paused
+def test_start_paused_and_snapshots() -> None:
+    settings = parse('--start-paused', '--snapshot-mode', '--max-cache-size', '1000')
+    assert settings == Recording(start_paused=True, snapshot_mode=True, max_cache_size=1000)
+    with pytest.raises(UserError, match='a snapshot needs a cache'):
+        parse('--snapshot-mode', '--max-cache-size', '0')
 
 
 def test_quality_of_service_is_read_from_a_file(tmp_path: Path) -> None:
