@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import settings
+from rosbag2_types import rosbag2_environment
 
 import barc_sim
 from barc_sim.cli.process import has_ros
@@ -142,6 +143,12 @@ def _own_domain(log_dir: Path) -> Iterator[int]:
             'PYTHONPATH': str(Path(barc_sim.__file__).parents[1]),
         }
         yield domain
+
+
+@pytest.fixture(scope='session')
+def rosbag2_interfaces(request: pytest.FixtureRequest) -> dict[str, str]:
+    """Return what a process needs in its environment to import rosbag2_interfaces."""
+    return rosbag2_environment(request.config.cache.mkdir('rosbag2_interfaces'))
 
 
 @pytest.fixture

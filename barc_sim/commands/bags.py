@@ -40,7 +40,10 @@ _CLOCK_RATE = 40.0  #: [Hz] as in ros2 bag play
 def add_arguments_record(parser: Parser) -> None:
     """Describe the command."""
     parser.description = 'Record every topic that a node publishes or subscribes to, until Ctrl-C.'
-    parser.epilog = 'Services: bag_recorder/pause and bag_recorder/resume (std_srvs/srv/Trigger).'
+    parser.epilog = (
+        'Keys: space pauses and resumes, q ends. Services: bag_recorder/pause, resume, '
+        'split_bagfile and snapshot (std_srvs/srv/Trigger).'
+    )
     parser.add_argument(
         '-o',
         '--output',
@@ -63,15 +66,25 @@ def add_arguments_record(parser: Parser) -> None:
 def run_record(options: Namespace) -> int:
     """Record until a signal or a service stops it; return the exit code."""
     require_ros('barc record')
-    from barc_sim.nodes.recorder import BagRecorder  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.control.keyboard import Terminal  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.nodes.recorder import BagRecorder  # noqa: PLC0415
+    from barc_sim.nodes.recorder_rosbag2 import Rosbag2RecorderServices  # noqa: PLC0415
     from barc_sim.ros.process import spin  # noqa: PLC0415
 
     settings = recording(options)
     metadata = {'command': shlex.join(['barc', *options.argv])}
-    recorder = spin(
-        lambda: BagRecorder(recording=settings, path=options.output, metadata=metadata),
-        options.ros_args,
-    )
+
+    with ExitStack() as end:
+
+        def create() -> BagRecorder:
+            recorder = BagRecorder(recording=settings, path=options.output, metadata=metadata)
+            with suppress(ModuleNotFoundError):  # the types of these services
+                Rosbag2RecorderServices(recorder)
+            with suppress(UserError):  # without a terminal there are no keys
+                end.enter_context(Terminal()).listen(recorder.on_key)
+            return recorder
+
+        recorder = spin(create, options.ros_args)
 
     lines = [f'{count:9} {topic}' for topic, count in sorted(recorder.counts.items())]
     lines.append(recorder.summary)

@@ -37,6 +37,10 @@ TF = '/tf'  #: the pose of odom as a transform, where ROS has tf2_msgs
 #: timing, and losses of the bag, once a second
 DIAGNOSTICS = '/diagnostics'
 
+#: Of `ros2 bag record`, and of `barc record` where rosbag2_interfaces is installed: a file of the
+#: bag has ended.
+WRITE_SPLIT = 'events/write_split'
+
 # ROS's own topics, which every node publishes.
 ROSOUT = '/rosout'
 PARAMETER_EVENTS = '/parameter_events'

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -24,10 +26,10 @@ from barc_sim.bags.convert import recover
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
     from rclpy.context import Context
 
+CLIENT = Path(__file__).parents[1] / 'ros' / 'programs' / 'rosbag2_client.py'
 LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -55,6 +57,54 @@ def test_ctrl_c_ends_it_with_its_counts_and_a_whole_bag(talker: Node, tmp_path: 
     ]
     mcap_doctor.check(tmp_path / 'mine' / 'mine_0.mcap')
     assert bag.info(tmp_path / 'mine')['lost_messages'] == '0'
+
+
+def call(environment: dict[str, str], *names: str) -> list[str]:
+    """Call services of the recorder as a client of `ros2 bag record`; return the responses."""
+    done = subprocess.run(
+        [sys.executable, str(CLIENT), 'rosbag2_recorder', *names],
+        env=os.environ | environment,
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=200,
+    )
+    return done.stdout.splitlines()
+
+
+@pytest.mark.slow  # the package of the types is built
+@pytest.mark.timeout(900)
+def test_clients_of_rosbag2_control_it(
+    talker: Node, tmp_path: Path, rosbag2_interfaces: dict[str, str]
+) -> None:
+    def publish(value: float) -> None:
+        publisher.publish(Float64(data=value))
+        assert publisher.wait_for_all_acked(Duration(seconds=30))
+
+    publisher = talker.create_publisher(Float64, 'value', LATCHED)
+    bag = tmp_path / 'mine'
+    words = ('--output', str(bag), '--topics', 'value', '--start-paused')
+    environment = os.environ | rosbag2_interfaces
+    with started('record', *words, env=environment) as process:
+        wait_for(lambda: publisher.get_subscription_count() == 1)
+        publish(1.0)
+        responses = call(rosbag2_interfaces, 'is_paused', 'resume', 'is_paused')
+        assert responses == ['is_paused paused=True', 'resume', 'is_paused paused=False']
+        publish(2.0)
+        responses = call(rosbag2_interfaces, 'split_bagfile', 'event')
+        files = [f'{bag}/mine_0.mcap', f'{bag}/mine_1.mcap']
+        assert responses == ['split_bagfile', f'/bag_recorder {" ".join(files)}']
+        publish(3.0)
+        assert call(rosbag2_interfaces, 'pause') == ['pause']
+        publish(4.0)
+        assert call(rosbag2_interfaces, 'stop') == ['stop']
+        out, _ = process.communicate(timeout=200)
+    assert process.returncode == 0
+    assert out.splitlines() == [
+        '        2 /value',
+        'recorded 2 messages in 2 files, lost 0',
+        f'bag {bag}',
+    ]
 
 
 @pytest.mark.usefixtures('ros_domain')
