@@ -43,7 +43,6 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from barc_sim.bags.directory import check_space, make_directory
-from barc_sim.bags.file_format import file_format
 from barc_sim.bags.losses import Missing
 from barc_sim.bags.recording_settings import BAG_DIR, Recording
 from barc_sim.bags.writer import BagWriter
@@ -140,16 +139,17 @@ class BagRecorder(Node):
         self._writer = BagWriter(
             make_directory(path, root),
             metadata=self._metadata,
-            file_format=file_format(recording.compression_format, recording.storage_preset_profile),
+            file_format=recording.file_format,
             max_size=recording.max_bag_size,
             max_duration=recording.max_bag_duration,
         )
+        needs_cache = recording.snapshot_mode or not self._source.is_unlimited
         self._thread = WriterThread(
             self._writer,
             self._source.take,
             recording.reserve,
             self._on_failure,
-            cache_size=recording.max_cache_size,
+            cache_size=recording.max_cache_size if needs_cache else 0,
             snapshot_mode=recording.snapshot_mode,
             on_warning=self._on_warning,
         )

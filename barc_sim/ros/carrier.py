@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 class RecorderSubscriptions(Protocol):
     """The subscriptions of a recorder to the selected topics."""
 
+    #: Whether messages that are not taken wait here, without a limit: then they need no cache.
+    is_unlimited: bool
+
     @property
     def left_out(self) -> Mapping[str, str]:
         """Why a topic cannot be recorded, by its name."""

@@ -137,6 +137,26 @@ def test_parameters_after_ros_args_count_unless_an_option_is_given(here: Path) -
     assert bag.info(path)['kp'] == '25.0'
 
 
+@pytest.mark.parametrize(
+    'options',
+    [
+        ('--engine', 'ros', '--max-bag-duration', '2'),
+        # Without ROS, messages wait in memory anyway: a small cache loses none.
+        ('--engine', 'local', '--max-bag-duration', '2', '--max-cache-size', '1000'),
+        ('--engine', 'local', '--max-bag-size', '50000'),
+    ],
+)
+def test_a_split_bag_of_a_run_has_the_states_of_one_file(
+    here: Path, options: tuple[str, ...]
+) -> None:
+    drive = (*MAX, '--distance', '60')
+    split = bag_of(here, *drive, *options, '--compression-format', 'lz4')
+    assert len([*split.glob('*.mcap')]) > 1
+    assert bag.info(split)['lost_messages'] == '0'
+    whole = bag.read(bag_of(here, *drive))
+    assert bag.read(split).x.tolist() == whole.x.tolist()
+
+
 @pytest.mark.parametrize('engine', ['ros', 'local'])
 def test_a_parameter_that_no_node_has_is_named(here: Path, engine: str) -> None:
     sections = {

@@ -39,6 +39,8 @@ class _RecordedSubscription(Subscription):
 class LocalSubscriptions:
     """Subscribes to the selected topics; `take` returns their messages, serialized."""
 
+    is_unlimited = True
+
     def __init__(self, node: Node, recording: Recording) -> None:
         self._node = node
         self._is_selected = recording.needs

@@ -40,6 +40,8 @@ class TopicSubscriptions:
     A topic with a QoS of the user's has one subscription, with that QoS.
     """
 
+    is_unlimited = False  # the queues of DDS have a depth
+
     def __init__(self, node: Node, recording: Recording) -> None:
         self._node = node
         self._is_selected = recording.needs
