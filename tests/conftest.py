@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import settings
-from rosbag2_types import rosbag2_environment
+from rosbag2_types import provide_rosbag2_interfaces
 
 import barc_sim
 from barc_sim.cli.process import has_ros
@@ -147,8 +147,8 @@ def _own_domain(log_dir: Path) -> Iterator[int]:
 
 @pytest.fixture(scope='session')
 def rosbag2_interfaces(request: pytest.FixtureRequest) -> dict[str, str]:
-    """Return what a process needs in its environment to import rosbag2_interfaces."""
-    return rosbag2_environment(request.config.cache.mkdir('rosbag2_interfaces'))
+    """Make rosbag2_interfaces importable; return the environment of a process that needs it."""
+    return provide_rosbag2_interfaces(request.config.cache.mkdir('rosbag2_interfaces'))
 
 
 @pytest.fixture

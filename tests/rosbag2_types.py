@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import fcntl
 import hashlib
 import os
@@ -18,8 +19,8 @@ _SOURCE = Path(__file__).parent / 'ros' / 'rosbag2_interfaces'
 _PROGRAMS = Path(sys.prefix) / 'bin'
 
 
-def rosbag2_environment(cache: Path) -> dict[str, str]:
-    """Return what a process needs in its environment to import rosbag2_interfaces.
+def provide_rosbag2_interfaces(cache: Path) -> dict[str, str]:
+    """Make rosbag2_interfaces importable; return the environment of another process that needs it.
 
     The package is built once, and stays in `cache`. Under a sourced ROS 2 it is installed, or the
     test is skipped.
@@ -36,6 +37,9 @@ def rosbag2_environment(cache: Path) -> dict[str, str]:
             _build(prefix)
 
     (packages,) = prefix.glob('lib/python3*/site-packages')
+    sys.path.append(str(packages))
+    for library in prefix.glob('lib/*.so'):  # rmw looks for them by name
+        ctypes.CDLL(str(library))
     libraries = [str(prefix / 'lib'), os.environ.get('LD_LIBRARY_PATH', '')]
     return {
         'PYTHONPATH': os.pathsep.join([str(_SOURCE.parents[2]), str(packages)]),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -225,7 +224,9 @@ def test_while_paused_the_playback_can_go_back_from_its_end(play: Callable[..., 
     client.until(client.player.finished.done)
 
 
-@pytest.mark.skipif(not find_spec('rosbag2_interfaces'), reason='rosbag2_interfaces is missing')
+@pytest.mark.slow  # the package of the types is built
+@pytest.mark.timeout(900)
+@pytest.mark.usefixtures('rosbag2_interfaces')
 def test_a_client_of_ros2_bag_play_controls_the_playback(play: Callable[..., Client]) -> None:
     from rosbag2_interfaces import srv  # noqa: PLC0415 (not installed everywhere)
 
@@ -264,7 +265,9 @@ def test_a_client_of_ros2_bag_play_controls_the_playback(play: Callable[..., Cli
     client.until(client.player.finished.done)
 
 
-@pytest.mark.skipif(not find_spec('rosbag2_interfaces'), reason='rosbag2_interfaces is missing')
+@pytest.mark.slow  # the package of the types is built
+@pytest.mark.timeout(900)
+@pytest.mark.usefixtures('rosbag2_interfaces')
 def test_a_client_of_ros2_bag_play_stops_the_playback(play: Callable[..., Client]) -> None:
     from rosbag2_interfaces import srv  # noqa: PLC0415 (not installed everywhere)
 
