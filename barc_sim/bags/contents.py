@@ -16,7 +16,7 @@ from barc_sim.bags.metadata import Span
 from barc_sim.cli.yaml_files import from_yaml
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Collection, Iterator
     from pathlib import Path
 
     from mcap.records import Channel, Schema
@@ -137,10 +137,27 @@ class Contents:
             for message in file.messages(start):
                 self._counts[id(message.topic)] += 1
                 self.span.add(message.received)
-                if message.data.startswith(_ZSTD):
-                    yield message._replace(data=self._unpacked(message.data))
-                else:
-                    yield message
+                yield self._with_unpacked_data(message)
+
+    def blocks_before(
+        self, end: int, wants: Callable[[Collection[int], int], bool]
+    ) -> Iterator[Iterator[BagMessage]]:
+        """Yield blocks of messages that lie before a time, the last block first.
+
+        A block has its messages in the order of the bag.
+
+        Parameters
+        ----------
+        end
+            The time [ns]; a block can have later messages, too.
+        wants
+            Called with the identities of the topics that a block can have, and its last time
+            [ns]; it returns whether to read the block.
+        """
+        self._budget.renew()
+        for file in reversed(self.files):
+            for block in file.blocks_before(end, wants):
+                yield map(self._with_unpacked_data, block)
 
     def in_order(self, start: int | None = None) -> Iterator[BagMessage]:
         """Yield the messages in order of reception, if none is more than 2 s behind a later one.
@@ -159,14 +176,16 @@ class Contents:
             _, _, earliest = heappop(waiting)
             yield earliest
 
-    def _unpacked(self, data: bytes) -> bytes:
-        """Return the data of a message that rosbag2 has compressed."""
+    def _with_unpacked_data(self, message: BagMessage) -> BagMessage:
+        """Return a message, unpacked if rosbag2 has compressed it."""
+        if not message.data.startswith(_ZSTD):
+            return message
         try:
-            decompressed = unpacked(data, self._budget.max_chunk)
+            decompressed = unpacked(message.data, self._budget.max_chunk)
         except Exception:  # noqa: BLE001 (damage may raise anything)
-            return data
+            return message
         self._budget.charge(len(decompressed))
-        return decompressed
+        return message._replace(data=decompressed)
 
 
 @lru_cache(maxsize=16)

@@ -13,6 +13,7 @@ from array import array
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
+from itertools import islice
 from struct import Struct
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -31,7 +32,7 @@ from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Collection, Iterator
     from pathlib import Path
     from typing import BinaryIO
 
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 _HEADER = Struct('<BQ')  # of a record: opcode, length
 _MESSAGE = Struct('<HIQQ')  # channel, sequence number, times of reception and publication
 _TIMES = Struct('<QQ')  # begins a chunk: its first and last time of reception
+_CHANNEL = Struct('<H')  # begins an index of a chunk's messages of a channel
 _OF_MESSAGES = {Opcode.CHUNK, Opcode.MESSAGE, Opcode.MESSAGE_INDEX}
 _DESCRIBING: dict[int, Any] = {
     Opcode.SCHEMA: Schema,
@@ -142,13 +144,19 @@ class McapFile:
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Topic] = {}
         self._whole = 0  # the end of the last whole record
-        self._chunk_ends = array('Q')  # [ns] last time of reception in each chunk
+        self._chunk_starts = array('Q')  # [ns] first time of reception in each chunk
+        self._chunk_ends = array('Q')  # [ns] last time of reception
         self._chunk_offsets = array('Q')  # [B]
+        #: The channels in each chunk by its indices; equal sets are stored once.
+        self._chunk_channels: list[frozenset[int]] = []
+        self._channel_sets: dict[frozenset[int], frozenset[int]] = {}
+        self._indexed_channels: set[int] = set()  # since the last chunk
         self._has_loose_messages = False  # in no chunk
         self._channel_count: int | None = None  # of the whole file; None: unknown
         with self._records(messages=False) as records:
             for opcode, body in records:
                 self._add(opcode, body)
+        self._end_chunk()
 
     def messages(self, start: int | None = None) -> Iterator[BagMessage]:
         """Yield the messages in the order of the file.
@@ -176,6 +184,40 @@ class McapFile:
             if end >= start:
                 return offset
         return self._chunk_offsets[-1] if self._chunk_offsets else None
+
+    def blocks_before(
+        self, end: int, wants: Callable[[Collection[int], int], bool]
+    ) -> Iterator[Iterator[BagMessage]]:
+        """Yield the messages of each chunk that begins before a time, the last chunk first.
+
+        Parameters
+        ----------
+        end
+            The time [ns]; a chunk can have later messages, too.
+        wants
+            Called with the identities of the topics that a chunk can have, and its last time
+            [ns]; it returns whether to read the chunk. A file without chunks is one block.
+        """
+        if self._has_loose_messages:
+            yield self.messages()
+            return
+
+        for number in reversed(range(len(self._chunk_offsets))):
+            begins_before = self._chunk_starts[number] < end
+            if begins_before and wants(self._topics_in(number), self._chunk_ends[number]):
+                yield self._messages_at(self._chunk_offsets[number])
+
+    def _topics_in(self, number: int) -> set[int]:
+        """Return the identities of the topics in a chunk, or of all if it has no indices."""
+        channels = self._chunk_channels[number]
+        if not channels <= self._channels.keys():  # an unknown channel
+            channels = frozenset()
+        return {id(self._channels[channel]) for channel in channels or self._channels}
+
+    def _messages_at(self, offset: int) -> Iterator[BagMessage]:
+        """Yield the messages of the chunk at an offset [B]."""
+        with self._records(messages=True, offset=offset) as records:
+            yield from self._messages_of(islice(records, 1))
 
     def _messages_of(self, records: Iterator[tuple[int, bytes]]) -> Iterator[BagMessage]:
         for opcode, body in records:
@@ -259,14 +301,27 @@ class McapFile:
             raise ValueError('end')
 
     def _pass_over(self, stream: BinaryIO, opcode: int, length: int) -> None:
-        """Pass over a record's body of `length` bytes; note where a chunk begins."""
+        """Pass over a record's body of `length` bytes; note places and channels of chunks."""
         if opcode == Opcode.CHUNK and length >= _TIMES.size:
+            self._end_chunk()
             self._chunk_offsets.append(stream.tell() - _HEADER.size)
-            _, end = _TIMES.unpack(stream.read(_TIMES.size))
+            start, end = _TIMES.unpack(stream.read(_TIMES.size))
+            self._chunk_starts.append(start)
             self._chunk_ends.append(end)
             length -= _TIMES.size
+        elif opcode == Opcode.MESSAGE_INDEX and length >= _CHANNEL.size:
+            (channel,) = _CHANNEL.unpack(stream.read(_CHANNEL.size))
+            self._indexed_channels.add(channel)
+            length -= _CHANNEL.size
         self._has_loose_messages |= opcode == Opcode.MESSAGE
         stream.seek(length, os.SEEK_CUR)
+
+    def _end_chunk(self) -> None:
+        """Keep the channels of the last chunk, whose indices follow it."""
+        if len(self._chunk_channels) < len(self._chunk_offsets):
+            channels = frozenset(self._indexed_channels)
+            self._chunk_channels.append(self._channel_sets.setdefault(channels, channels))
+        self._indexed_channels.clear()
 
     def _add(self, opcode: int, body: bytes) -> None:
         """Add a topic, metadata, an attached file or a time span to the bag; skip other records."""

@@ -83,33 +83,28 @@ class PlaybackBags:
         with_latched
             Whether to begin with the earlier messages that latched topics hold at the start.
         """
-        messages = merge(*[bag.in_order() for bag in self._bags], key=attrgetter('received'))
-        latched = LatchedMessages(start) if with_latched else None
-        return _ahead(_between(messages, start, end, topics, latched))
+        return _ahead(self._played(start, end, topics, with_latched=with_latched))
 
+    def _played(
+        self, start: int, end: int | None, topics: Container[int], *, with_latched: bool
+    ) -> Iterator[BagMessage]:
+        if with_latched:
+            yield from self._latched(start, topics)
+        bags = [bag.in_order(start) for bag in self._bags]
+        for message in merge(*bags, key=attrgetter('received')):
+            if end is not None and message.received > end:
+                return
+            if id(message.topic) in topics:
+                yield message
 
-def _between(
-    messages: Iterator[BagMessage],
-    start: int,
-    end: int | None,
-    topics: Container[int],
-    latched: LatchedMessages | None,
-) -> Iterator[BagMessage]:
-    """Yield the messages of some topics between two times, after the `latched` ones."""
-    for message in messages:
-        if id(message.topic) not in topics:
-            continue
-        if end is not None and message.received > end:
-            break
-        if message.received >= start:
-            if latched:
-                yield from latched.held()
-                latched = None
-            yield message
-        elif latched:
-            latched.add(message)
-    if latched:
-        yield from latched.held()
+    def _latched(self, start: int, topics: Container[int]) -> list[BagMessage]:
+        """Return the messages that latched topics hold at a time."""
+        records = [topic for bag in self._bags for topic in bag.topics if id(topic) in topics]
+        latched = LatchedMessages(start, records)
+        for bag in self._bags:
+            for block in bag.blocks_before(start, latched.wants):
+                latched.add_earlier(block)
+        return latched.held()
 
 
 def _ahead(messages: Iterator[BagMessage]) -> Iterator[BagMessage]:

@@ -123,6 +123,39 @@ def test_what_lies_before_the_time_is_not_unpacked(
     assert len(sizes) == 5
 
 
+@pytest.mark.parametrize('is_killed', [False, True], ids=['whole', 'killed'])
+def test_only_the_wanted_chunks_before_a_time_are_read(tmp_path: Path, *, is_killed: bool) -> None:
+    writer = BagWriter(tmp_path)
+    often, seldom = (topic(name, 'std_msgs/msg/Header') for name in ('/often', '/seldom'))
+    for k in range(50):
+        writer.write([BagMessage(often, bytes(20), k, k, k)])
+        if k % 20 == 5:
+            writer.write([BagMessage(seldom, bytes(20), k, k, k)])
+        writer.flush()  # ends a chunk
+    writer.close()
+    if is_killed:
+        for file in tmp_path.glob('*.mcap'):
+            file.write_bytes(file.read_bytes()[:-200])
+    contents = Contents(tmp_path)
+    contents.complete()
+    identities = {id(each) for each in contents.topics if each.name == '/seldom'}
+    blocks = contents.blocks_before(40, lambda topics, last: bool(identities & topics) and last > 5)
+    assert [[message.received for message in block] for block in blocks] == [[25, 25]]
+
+
+def test_a_file_without_chunks_is_one_block(tmp_path: Path) -> None:
+    path = tmp_path / 'plain.mcap'
+    with path.open('wb') as stream:
+        writer = Writer(stream, use_chunking=False)
+        writer.start()
+        channel = writer.register_channel('/a', 'cdr', 0)
+        for k in range(3):
+            writer.add_message(channel, log_time=k, data=bytes(8), publish_time=k)
+        writer.finish()
+    (block,) = Contents(path).blocks_before(2, lambda *_: True)
+    assert [message.received for message in block] == [0, 1, 2]
+
+
 def test_info_prints_what_is_in_it(path: Path) -> None:
     found = json.loads(printed('info', str(path), '--json'))
     assert (found['messages'], found['duration'], found['damages']) == (440, 3.99, {})

@@ -171,11 +171,16 @@ def test_large_latched_messages_are_held_once_for_each_publisher() -> None:
     from barc_sim.nodes.latched_messages import LatchedMessages  # noqa: PLC0415
 
     maps = header_topic('/map', *[LATCHED_QOS] * 2)
-    latched = LatchedMessages(SECOND)
     sent = [BagMessage(maps, bytes(1 << 20), k, k, k) for k in range(5)]
-    for each in sent:
-        latched.add(each)
+    latched = LatchedMessages(SECOND, [maps])
+    latched.add_earlier(sent)
     assert latched.held() == sent[3:]
+
+    by_blocks = LatchedMessages(SECOND, [maps])
+    for each in reversed(sent):
+        assert by_blocks.wants({id(maps)}, each.received) == (each.received >= 2)
+        by_blocks.add_earlier([each])
+    assert by_blocks.held() == sent[3:]
 
 
 @pytest.mark.parametrize(
