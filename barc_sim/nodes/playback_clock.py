@@ -194,8 +194,9 @@ class PlaybackClock:
                 left = (due - time.monotonic_ns()) / 1e9
                 if left > _SPIN:
                     self._changed.wait(left - _SPIN)
-            while time.monotonic_ns() < due and self._changes == changes:
-                pass
+            while self._changes == changes:
+                if time.monotonic_ns() >= due:
+                    return Wake.DUE
 
     def wait_at_end(self) -> Wake:
         """Wait at the end of the bag while the time is paused: there is no message to step to."""

@@ -115,7 +115,7 @@ class BagPlayer(Node):
             first=self._first,
             last=self._last if self._end is None else min(self._last, self._end),
         )
-        with suppress(ModuleNotFoundError):  # rosbag2's types are not installed
+        with suppress(ImportError, AttributeError):  # rosbag2's types are not installed
             Rosbag2PlayerServices(self, self._playback_clock, self.controls)
 
         steady = Clock(clock_type=ClockType.STEADY_TIME)
