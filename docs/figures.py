@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-
     Vector = NDArray[np.float64]  #: x and y
 
 
