@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from barc_sim.cli.process import StopSignals
     from barc_sim.lab.user_code.code import UserCode
     from barc_sim.nodes.simulator import VehicleSimulator
-    from barc_sim.runs.inputs import Inputs
+    from barc_sim.runs.inputs import RunInputs
     from barc_sim.simulation.metrics import Summary
 
 
-def run_nodes(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
+def run_nodes(options: Namespace, inputs: RunInputs, stop: StopSignals) -> int:
     """Run the nodes to the end of the road, or until `stop`; return the exit code.
 
     UserError: a parameter or a ROS argument cannot be used; no bag is left then.

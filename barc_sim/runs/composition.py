@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from barc_sim.page.run_page import RunPage
     from barc_sim.ros.carrier import Carrier
-    from barc_sim.runs.inputs import Inputs
+    from barc_sim.runs.inputs import RunInputs
     from barc_sim.runs.terminal import Display
 
 #: [s] after which a thread that runs Python code gives way to the thread that steps the simulator;
@@ -65,7 +65,7 @@ class Run:
         The error that ended the run, as a sentence.
     """
 
-    def __init__(self, options: Namespace, inputs: Inputs, carrier: Carrier) -> None:
+    def __init__(self, options: Namespace, inputs: RunInputs, carrier: Carrier) -> None:
         """Make the bag, unless there is none: it records the other nodes from their start.
 
         UserError: the bag cannot be made.

@@ -42,7 +42,7 @@ class RunLaws(NamedTuple):
     lane: Any = None
 
 
-class Inputs(NamedTuple):
+class RunInputs(NamedTuple):
     """The inputs of a run."""
 
     road: Road | None  #: of `--road`; None: the simulator's parameter names it
@@ -67,7 +67,7 @@ class Inputs(NamedTuple):
         return RunLaws(speed=speed, lane=lane)
 
 
-def read_inputs(options: Namespace) -> Inputs:
+def read_inputs(options: Namespace) -> RunInputs:
     """Read the files, and check that a bag can be made.
 
     UserError: a file cannot be used, or options contradict one another.
@@ -84,7 +84,7 @@ def read_inputs(options: Namespace) -> Inputs:
     if user_code.raceline and track:
         track = line_along(track, user_code.raceline(*line_arguments(track)))
 
-    inputs = Inputs(road, track, user_code)
+    inputs = RunInputs(road, track, user_code)
     if options.mode == 'acc':
         _check_laws(options, inputs)
     if getattr(options, 'policy', None):
@@ -189,7 +189,7 @@ def _refuse(
             raise UserError(f'{code.paths[part].name} {why}')
 
 
-def _check_laws(options: Namespace, inputs: Inputs) -> None:
+def _check_laws(options: Namespace, inputs: RunInputs) -> None:
     """Raise UserError for a gain that the run's laws do not have, or that is given twice."""
     code = inputs.user_code
     if inputs.track:
@@ -210,7 +210,7 @@ def gains(options: Namespace) -> dict[str, float]:
     return of_pid | dict(options.gain)
 
 
-def _policy(options: Namespace, inputs: Inputs) -> Policy:
+def _policy(options: Namespace, inputs: RunInputs) -> Policy:
     """Return the policy in the first environment whose observation it takes; set its speed."""
     from barc_sim.learning.tasks import OnnxPolicy, Policy  # noqa: PLC0415 (slow)
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.process import StopSignals
     from barc_sim.nodes.simulator import VehicleSimulator
-    from barc_sim.runs.inputs import Inputs
+    from barc_sim.runs.inputs import RunInputs
     from barc_sim.vehicle.plant import Observation
 
 #: [s] without a command after which the car brakes: ten of the relay's periods.
@@ -37,7 +37,7 @@ _EXIT_TIMEOUT = 2.0  #: [s] for the process of a relay to end by itself
 _HELP = 'arrows or WASD (ZQSD) drive, space brakes, r goes back to the start, q ends (ZQSD: Ctrl-C)'
 
 
-def run_nodes(options: Namespace, inputs: Inputs, stop: StopSignals) -> int:
+def run_nodes(options: Namespace, inputs: RunInputs, stop: StopSignals) -> int:
     """Run the nodes until the driver or `stop` ends it; return the exit code.
 
     UserError: an option or a ROS argument cannot be used; no bag is left then.
@@ -102,7 +102,7 @@ def _add_keyboard(run: Run, terminal: Terminal, simulator: VehicleSimulator) -> 
 
 
 @contextmanager
-def _relay_program(options: Namespace, inputs: Inputs) -> Iterator[subprocess.Popen[str] | None]:
+def _relay_program(options: Namespace, inputs: RunInputs) -> Iterator[subprocess.Popen[str] | None]:
     """With ROS, run a relay that is a program of rclpy in a process, which ends with the block.
 
     It gets the run's arguments after `--ros-args`, and so its namespace.
