@@ -7,7 +7,7 @@ solution in far shorter steps. `python docs/convergence.py` prints the errors.
 from __future__ import annotations
 
 from itertools import groupby
-from math import atanh, cos, hypot, inf, log, sin, sinh, sqrt
+from math import atanh, ceil, cos, hypot, inf, log, sin, sinh, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -72,32 +72,37 @@ def _circle(test_drive: ReferenceDrive) -> tuple[float, float]:
 def _descent(test_drive: ReferenceDrive) -> tuple[float, float]:
     """Return how far a car rolls that slows down to where drag and friction balance gravity."""
     vehicle = test_drive.vehicle
-    pull = -vehicle.mass * vehicle.gravity * sin(test_drive.inclines.thetas[0]) - vehicle.friction
+    weight = vehicle.mass * vehicle.gravity
+    pull = -weight * sin(test_drive.inclines.thetas[0]) - vehicle.friction
     terminal = sqrt(pull / vehicle.air_drag_coeff)
     rate = sqrt(pull * vehicle.air_drag_coeff) / vehicle.mass
     begin = atanh(terminal / test_drive.start.v)
-    return terminal / rate * log(sinh(begin + rate * test_drive.duration) / sinh(begin)), 0.0
+    ratio = sinh(begin + rate * test_drive.duration) / sinh(begin)
+    return terminal / rate * log(ratio), 0.0
 
 
 def _stretches(test_drive: ReferenceDrive) -> tuple[float, float]:
     """Return how far a car without drag comes on stretches of constant grade."""
     vehicle = test_drive.vehicle
     inclines = test_drive.inclines
-    left = test_drive.duration
+    time_left = test_drive.duration
     x = test_drive.start.x
     v = test_drive.start.v
+
     for end, theta in zip((*inclines.starts[1:], inf), inclines.thetas, strict=True):
         resistance = vehicle.friction / vehicle.mass
         a = test_drive.command.motor - vehicle.gravity * sin(theta) - resistance
         time = inf
         if end < inf:
             time = 2.0 * (end - x) / (v + sqrt(v * v + 2.0 * a * (end - x)))
-        if time > left:
+        if time > time_left:
             break
+
         x = end
         v += a * time
-        left -= time
-    return x + left * (v + 0.5 * a * left), 0.0
+        time_left -= time
+
+    return x + time_left * (v + 0.5 * a * time_left), 0.0
 
 
 REFERENCE_DRIVES = (
@@ -164,16 +169,19 @@ def studies() -> Iterator[Study]:
     """Yield the study of each test drive, model and integrator."""
     for test_drive in REFERENCE_DRIVES:
         for model in test_drive.models:
-            if test_drive.exact:
-                x, y = test_drive.exact(test_drive)
-            else:
-                end = final_state(test_drive, model, 'rk4', FINE)
-                x = end.x
-                y = end.y
+            x, y = _true_end(test_drive, model)
             for integrator in INTEGRATORS:
                 ends = [final_state(test_drive, model, integrator, ts) for ts in STEPS]
                 errors = tuple(hypot(end.x - x, end.y - y) for end in ends)
                 yield Study(test_drive, model, integrator, errors, order(errors))
+
+
+def _true_end(test_drive: ReferenceDrive, model: str) -> tuple[float, float]:
+    """Return x and y [m] at the end, by a closed form or by steps that are far shorter."""
+    if test_drive.exact:
+        return test_drive.exact(test_drive)
+    end = final_state(test_drive, model, 'rk4', FINE)
+    return end.x, end.y
 
 
 def final_state(test_drive: ReferenceDrive, model: str, integrator: str, ts: float) -> BicycleState:
@@ -184,6 +192,7 @@ def final_state(test_drive: ReferenceDrive, model: str, integrator: str, ts: flo
     state = test_drive.start
     slip = Slip()
     stretch = 0
+
     for _ in range(round(test_drive.duration / ts)):
         stretch = stretch_at(inclines.starts, state.x, stretch)
         state, slip = bicycle_step(bicycle, state, slip, command, inclines, stretch, ts)
@@ -192,11 +201,13 @@ def final_state(test_drive: ReferenceDrive, model: str, integrator: str, ts: flo
 
 def order(errors: tuple[float, ...]) -> float:
     """Return the slope of log error over log step, for errors [m] of `STEPS`."""
-    above = [(ts, error) for ts, error in zip(STEPS, errors, strict=True) if error > ROUNDING]
-    if len(above) < 2:  # noqa: PLR2004 (a slope needs two points)
+    points = [(ts, error) for ts, error in zip(STEPS, errors, strict=True) if error > ROUNDING]
+    if len(points) < 2:  # noqa: PLR2004 (a slope needs two of them)
         return float('nan')
-    log_steps, log_errors = np.log(above).T
-    return float(np.polyfit(log_steps, log_errors, 1)[0])
+
+    log_steps, log_errors = np.log(points).T
+    slope, _ = np.polyfit(log_steps, log_errors, 1)
+    return float(slope)
 
 
 @style.context(STYLE)
@@ -204,20 +215,21 @@ def convergence_figure() -> Figure:
     """Draw the errors of the studies, those of a test drive next to each other."""
     figure = Figure(figsize=(11.0, 6.8))
     figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.12)
-    panels = [[*group] for _, group in groupby(studies(), lambda study: study.test_drive.name)]
-    rows = -(-(len(panels) + 1) // _COLUMNS)
+    groups = [[*group] for _, group in groupby(studies(), lambda study: study.test_drive.name)]
+    rows = ceil((len(groups) + 1) / _COLUMNS)
     grid = figure.subplots(rows, _COLUMNS, sharex=True, sharey=True, squeeze=False)
-    axes = [*grid.flat]
-    for panel, group in zip(axes, panels, strict=False):
+    panels = [*grid.flat]
+
+    for panel, group in zip(panels, groups, strict=False):
         _draw(panel, group)
-    for panel in axes[len(panels) :]:
-        panel.set_axis_off()
-    _explain(axes[-1])
-    for panel in axes[: len(panels)]:
         panel.tick_params(labelbottom=True)
         panel.set_xlabel('Step [ms]')
+    for panel in panels[len(groups) :]:
+        panel.set_axis_off()
+    _explain(panels[-1])
     for row in grid:
         row[0].set_ylabel('Error [m]')
+
     figure.suptitle(
         'Error of the position at the end of a drive, by the length of the step',
         x=0.01,
@@ -232,36 +244,42 @@ def _draw(axes: Axes, group: list[Study]) -> None:
     for study in group:
         errors = np.maximum(study.errors, np.finfo(float).tiny)
         axes.loglog(STEPS, errors, **_line(study.integrator, study.model))
-    for order, error in _SLOPES.items():
-        line = [error * (ts / STEPS[0]) ** order for ts in STEPS]
-        axes.loglog(STEPS, line, color=GREY, lw=0.9, ls=DASHES, zorder=1)
-        axes.annotate(
-            f'{order}',
-            (STEPS[0], error),
-            (5.0, 0.0),
-            'data',
-            'offset points',
-            color=MUTED,
-            fontsize=9,
-            va='center',
-        )
+    _draw_slopes(axes)
     axes.axhspan(1e-14, ROUNDING, color=EARTH, alpha=0.6, lw=0.0, zorder=0)
     axes.set_ylim(1e-13, 1.0)
     axes.xaxis.set_major_locator(FixedLocator(STEPS))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda ts, _: f'{1e3 * ts:g}'))
     axes.xaxis.set_minor_locator(NullLocator())
+
     drive = group[0].test_drive
+    reference = 'the closed form' if drive.exact else 'a fine solution'
     axes.set_title(drive.name, loc='left', fontsize=11, fontweight='bold', pad=18.0)
     text = axes.annotate(
-        f'{drive.text}; against {"the closed form" if drive.exact else "a fine solution"}',
-        (0.0, 1.0),
-        (0.0, 5.0),
-        'axes fraction',
-        'offset points',
+        f'{drive.text}; against {reference}',
+        xy=(0.0, 1.0),
+        xytext=(0.0, 5.0),
+        xycoords='axes fraction',
+        textcoords='offset points',
         color=MUTED,
         fontsize=9,
     )
     text.set_in_layout(False)  # a long one must not move the panels apart
+
+
+def _draw_slopes(axes: Axes) -> None:
+    for order, error in _SLOPES.items():
+        line = [error * (ts / STEPS[0]) ** order for ts in STEPS]
+        axes.loglog(STEPS, line, color=GREY, lw=0.9, ls=DASHES, zorder=1)
+        axes.annotate(
+            f'{order}',
+            xy=(STEPS[0], error),
+            xytext=(5.0, 0.0),
+            xycoords='data',
+            textcoords='offset points',
+            color=MUTED,
+            fontsize=9,
+            va='center',
+        )
 
 
 def _line(integrator: str, model: str) -> dict[str, Any]:
@@ -284,7 +302,6 @@ def _explain(axes: Axes) -> None:
 
 if __name__ == '__main__':
     for study in studies():
+        drive = f'{study.test_drive.name:15}{study.model:11}{study.integrator:7}'
         errors = ''.join(f'{error:10.1e}' for error in study.errors)
-        print(  # noqa: T201
-            f'{study.test_drive.name:15}{study.model:11}{study.integrator:7}{errors}{study.order:8.2f}'
-        )
+        print(f'{drive}{errors}{study.order:8.2f}')  # noqa: T201
