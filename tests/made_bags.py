@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from barc_sim.bags.messages import BagMessage, Topic, topic
@@ -64,22 +65,25 @@ PARAMETERS = yaml.safe_dump(
 )
 
 
+#: The description of a field with a number.
+_NUMBER = (Nodetype.BASE, ('float64', 0))
+
+
 def encoded(log: Log, k: int, topic: str) -> bytes:
     """Return the message of a topic that belongs to state `k`, in CDR."""
     name, types = LOG_TYPES[topic], TYPES
     sec, nanosec = divmod(10**18 + k * PERIOD, 10**9)
     stamp = types.types['builtin_interfaces/msg/Time'](sec=sec, nanosec=nanosec)
     source = PID_STATE if topic == CONTROLLER_STATE else topic
-    values: dict[str, Any] = {
-        field: getattr(log, column)[k].item() for field, column in columns_of(source).items()
-    }
+    # A field that a log has no column for is zero.
+    _, described = types.fielddefs[name]
+    values: dict[str, Any] = {field: 0.0 for field, kind in described if kind == _NUMBER}
+    for field, column in columns_of(source).items():
+        values[field] = getattr(log, column)[k].item()
     if 'lap' in values:
         values['lap'] = int(values['lap'])
-    if source == PID_STATE:
-        values |= {'measurement': 0.0, 'error': 0.0, 'output': 0.0}
     if topic == LANE_STATE:
         lane_terms = {name: each for name, each in log.own_terms.items() if name.startswith(LANE)}
-        values |= {'e_y': 0.0, 'e_psi': 0.0, 'output': 0.0}
         values['names'] = [name.removeprefix(LANE) for name in lane_terms]
         values['values'] = np.array([each[k] for each in lane_terms.values()])
     if topic == CONTROLLER_STATE:
