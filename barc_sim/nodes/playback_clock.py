@@ -83,6 +83,11 @@ class PlaybackClock:
         return self._is_paused
 
     @property
+    def is_stopped(self) -> bool:
+        """Whether the playback ends."""
+        return self._is_stopped
+
+    @property
     def rate(self) -> float:
         """The bag's seconds per second."""
         return self._rate

@@ -116,6 +116,9 @@ class PlaybackControls:
 
     @property
     def _state(self) -> str:
-        """Whether the playback is paused, and where."""
-        state = 'paused' if self._clock.is_paused else 'playing'
+        """What the playback does, and where."""
+        if self._clock.is_stopped:
+            state = 'stopped'
+        else:
+            state = 'paused' if self._clock.is_paused else 'playing'
         return f'{state} at {(self._clock.now - self._start) / 1e9:.3f} s'

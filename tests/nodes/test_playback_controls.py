@@ -167,8 +167,9 @@ def test_a_pause_holds_the_time_and_a_step_needs_one(play: Callable[..., Client]
 def test_the_service_stop_ends_the_playback(play: Callable[..., Client]) -> None:
     client = play(rate=0.001)
     client.until_played(0)
-    is_stopped, _ = client.trigger('stop')
+    is_stopped, state = client.trigger('stop')
     assert is_stopped
+    assert state.startswith('stopped at ')
     client.until(client.player.finished.done)
     assert client.player.failure is None
 
