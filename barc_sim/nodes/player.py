@@ -80,6 +80,7 @@ class BagPlayer(Node):
         self._first = self._start + int(playback.start_offset * 1e9)
         self._end = playback.end(self._first)
         self._check_span()
+        self._limit = self._last if self._end is None else min(self._last, self._end)
 
         super().__init__('bag_player', **options)
         self.failure: str | None = None  #: why not all was played, in a sentence
@@ -113,7 +114,7 @@ class BagPlayer(Node):
             self._playback_clock,
             start=self._start,
             first=self._first,
-            last=self._last if self._end is None else min(self._last, self._end),
+            last=self._limit,
         )
         with suppress(ImportError, AttributeError):  # rosbag2's types are not installed
             Rosbag2PlayerServices(self, self._playback_clock, self.controls)
@@ -140,7 +141,7 @@ class BagPlayer(Node):
     @property
     def progress(self) -> str:
         """The line of progress."""
-        now = min(max(self._playback_clock.now, self._first), self._last)
+        now = min(max(self._playback_clock.now, self._first), self._limit)
         passed = (now - self._start) / 1e9
         duration = (self._last - self._start) / 1e9
         pace = 'paused' if self._playback_clock.is_paused else f'x{self._playback_clock.rate:g}'

@@ -250,6 +250,8 @@ def test_the_playback_ends_at_a_time(
     spin_until(played.executor, played.player.finished.done)
     spin_until(played.executor, lambda: len(played.times) == len(played_messages))
     assert played.arrived == {'a': played_messages}
+    seconds = max(settings.get('start_offset', 0.0) + settings.get('duration', 0.0), 0.5)
+    assert played.player.progress.strip().startswith(f'{seconds:.1f} / 0.9 s')
 
 
 def test_each_turn_of_a_loop_begins_after_the_delay(
