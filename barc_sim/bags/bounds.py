@@ -10,6 +10,7 @@ from math import inf
 from time import thread_time
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from barc_sim.bags.bag_files import is_compressed, side_files
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 MAX_RECORD = 32 << 20  #: bytes of a record
 MAX_CHUNK = 256 << 20  #: bytes of an unpacked chunk, where the bag is as large
+MAX_PACKING = 16  #: by which the compression of a whole file makes it smaller
 MAX_METADATA = 2 << 20  #: bytes of a record of metadata
 MAX_TRACK = 1 << 20  #: bytes of the file with a track
 MAX_KEPT = 16 << 20  #: bytes of a bag's topics, metadata and attached files
@@ -53,10 +55,15 @@ class Budget:
 
     def __init__(self, files: Sequence[Path], *, timed: bool = True) -> None:
         self.file = files[0]
-        self._size = sum(file.lstat().st_size for file in files)
+        self._size = 0  # [B] on the disk
+        self._unpacked_size = 0  # [B] at most, of a recording whose chunks are as they were
+        for file in files:
+            size = sum(part.lstat().st_size for part in (file, *side_files(file)))
+            self._size += size
+            self._unpacked_size += size * MAX_PACKING if is_compressed(file) else size
         #: [B] of an unpacked chunk: only a hostile bag is much smaller than its largest message
-        self.max_chunk = max(MAX_RECORD, min(self._size, MAX_CHUNK))
-        self._seconds = max(8.0, self._size / (3 << 20))
+        self.max_chunk = max(MAX_RECORD, min(self._unpacked_size, MAX_CHUNK))
+        self._seconds = max(8.0, self._unpacked_size / (3 << 20))
         self._end = thread_time() + self._seconds if timed else inf
         self._kept: set[int] = set()
         self._kept_bytes = 0
@@ -65,7 +72,12 @@ class Budget:
     def renew(self) -> None:
         """Restart the budget, to read the same files again."""
         self._bytes = 4 * MAX_RECORD + 1000 * self._size
-        self._records = 10_000 + self._size // 8
+        self._records = 10_000 + self._unpacked_size // 8
+
+    @property
+    def is_late(self) -> bool:
+        """Whether the time is over."""
+        return thread_time() > self._end
 
     def charge(self, size: int = 0) -> None:
         """Charge a record of `size` unpacked bytes, before the work; UserError: none are left."""
@@ -73,8 +85,7 @@ class Budget:
         self._records -= 1
         # The time is not read for each of many small records.
         is_time_to_look = size > 0 or self._records % 64 == 0
-        is_late = is_time_to_look and thread_time() > self._end
-        if is_late or self._bytes < 0 or self._records < 0:
+        if (is_time_to_look and self.is_late) or self._bytes < 0 or self._records < 0:
             raise UserError(
                 f'{str(self.file)!r} unpacks to more than a recording of its size can hold, or '
                 f'takes more than {self._seconds:.0f} s to read: name another bag'

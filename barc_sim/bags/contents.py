@@ -1,4 +1,4 @@
-"""The topics and messages of any MCAP bag: rosbag2's, our own, and damaged ones."""
+"""The topics and messages of any bag: rosbag2's, our own, and damaged ones."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.bags import bounds
+from barc_sim.bags.bag_files import SQLITE, files, suffix_of
 from barc_sim.bags.bounds import Budget
-from barc_sim.bags.mcap_files import McapFile, files, unpacked
+from barc_sim.bags.mcap_files import McapFile, unpacked
 from barc_sim.bags.messages import Topic
 from barc_sim.bags.metadata import Span
+from barc_sim.bags.sqlite import SqliteFile
 from barc_sim.cli.yaml_files import from_yaml
 
 if TYPE_CHECKING:
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
 
     from mcap.records import Channel, Schema
 
-    from barc_sim.bags.mcap_files import Damage
+    from barc_sim.bags.bag_files import BagFile, Damage
     from barc_sim.bags.messages import BagMessage
 
 _ZSTD = b'\x28\xb5\x2f\xfd'  # begins a message that rosbag2 has compressed; CDR begins with a zero
@@ -69,7 +71,10 @@ class Contents:
         self.attachments: dict[str, bytes] = {}
         paths = files(path)
         self._budget = Budget(paths, timed=timed)
-        self.files = [McapFile(file, self, self._budget) for file in paths]
+        self.files: list[BagFile] = []
+        for file in paths:
+            kind = SqliteFile if suffix_of(file) == SQLITE else McapFile
+            self.files.append(kind(file, self, self._budget, is_alone=len(paths) == 1))
 
     @property
     def damages(self) -> dict[str, Damage]:

@@ -7,15 +7,14 @@ decide neither how much is read nor how much is unpacked.
 from __future__ import annotations
 
 import os
-import re
+import sys
 import zlib
 from array import array
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
 from io import BytesIO
 from itertools import islice
 from struct import Struct
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import lz4.frame
 import zstandard
@@ -24,17 +23,20 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Metadata, Schema, Statistics
 
 from barc_sim.bags import bounds
+from barc_sim.bags.bag_files import Damage, is_compressed, open_storage
 from barc_sim.bags.bounds import MAX_RECORD, Budget
 from barc_sim.bags.mcap_writer import MAGIC
-from barc_sim.bags.messages import BagMessage, Topic
+from barc_sim.bags.messages import BagMessage
 from barc_sim.bags.metadata import METADATA_NAME, Span
-from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
     from pathlib import Path
     from typing import BinaryIO
+
+    from barc_sim.bags.bag_files import FilledContents
+    from barc_sim.bags.messages import Topic
 
 
 _HEADER = Struct('<BQ')  # of a record: opcode, length
@@ -50,69 +52,6 @@ _DESCRIBING: dict[int, Any] = {
     Opcode.STATISTICS: Statistics,
 }
 _IN_CHUNKS = {Opcode.SCHEMA, Opcode.CHANNEL}
-_CONVERTIBLE = {'.db3', '.zstd'}  #: suffixes of rosbag2's files that `rosbags-convert` reads
-
-
-@dataclass
-class Damage:
-    """The damage found in a file."""
-
-    unreadable_chunks: int = 0
-    unfinished: bool = False  #: its end is missing
-    unread: int = 0  #: [B] after the last whole record
-
-    def __bool__(self) -> bool:
-        """Return whether anything is missing."""
-        return self.unfinished or self.unreadable_chunks > 0
-
-
-def files(path: Path) -> list[Path]:
-    """Return the MCAP files of a bag, in order.
-
-    Parameters
-    ----------
-    path
-        The bag's directory, or one of its files, which is then the only one.
-
-    Raises
-    ------
-    UserError
-        There is no bag at `path`.
-    """
-    if not path.exists():
-        raise UserError(f'there is no bag {str(path)!r}: name the directory of a bag')
-    is_directory = path.is_dir()
-    present = list(path.iterdir()) if is_directory else [path]
-    mcap_files = [
-        file for file in present if file.suffix == '.mcap' and not file.name.startswith('.')
-    ]
-
-    if not mcap_files and any(file.suffix in _CONVERTIBLE for file in present):
-        from barc_sim.bags.sqlite import conversion  # noqa: PLC0415 (slow: for few bags)
-
-        raise UserError(conversion(path, present))
-    if not is_directory:
-        return [path.resolve() if path.is_symlink() else path]
-    if not mcap_files:
-        raise UserError(f'{str(path)!r} has no .mcap file in it: name the directory of a bag')
-    return sorted(mcap_files, key=_number_and_name)
-
-
-def _number_and_name(file: Path) -> tuple[int, str]:
-    """Return what sorts run_10.mcap after run_9.mcap."""
-    number = re.search(r'_(\d+)\.mcap$', file.name)
-    return int(number[1]) if number else -1, file.name
-
-
-class FilledContents(Protocol):
-    """The contents of a bag, to which its files add; `Contents` is that."""
-
-    span: Span
-    metadata: dict[str, str]
-    attachments: dict[str, bytes]
-
-    def topic(self, channel: Channel, schema: Schema | None) -> Topic:
-        """Return the topic of a channel, the same one for equal channels of all files."""
 
 
 class McapFile:
@@ -128,15 +67,18 @@ class McapFile:
         The contents of the bag, to which the file adds.
     budget
         Limits the reading of all files of the bag.
+    is_alone
+        Whether the bag has no other file.
 
     Raises
     ------
     UserError
-        It is not an MCAP file, or exceeds a bound.
+        It cannot be read, it exceeds a bound, or it `is_alone` and not an MCAP file.
     """
 
-    def __init__(self, path: Path, bag: FilledContents, budget: Budget) -> None:
+    def __init__(self, path: Path, bag: FilledContents, budget: Budget, *, is_alone: bool) -> None:
         self.path = path
+        self._is_alone = is_alone
         self.has_summary = False
         self.damage = Damage()  #: `messages` adds the damage of chunks
         self._bag = bag
@@ -238,31 +180,36 @@ class McapFile:
         """
         damage = Damage()
         self.damage = damage
-        try:
-            stream = open_regular(self.path, follow=False)
-        except OSError as error:
-            raise UserError(
-                f'{str(self.path)!r} cannot be read ({error.strerror}): name another bag'
-            ) from error
+        stream, size_on_disk = open_storage(self.path)
         with stream:
-            size = os.fstat(stream.fileno()).st_size
-            magic = stream.read(len(MAGIC))
-            if magic != MAGIC:
-                what = 'not an MCAP file' if magic else 'empty'
-                raise UserError(f'{str(self.path)!r} is {what}: name another bag')
-
-            self._whole = len(MAGIC)
-            has_beginning = offset is None
-            if offset is not None:
-                stream.seek(offset)
-                self._whole = offset
+            # The size of what a compressed file contains is unknown before it is read.
+            size = sys.maxsize if is_compressed(self.path) else size_on_disk
+            self._whole = 0
             try:
-                yield self._raw(stream, size, messages=messages, has_beginning=has_beginning)
+                if offset is not None:
+                    stream.seek(offset)
+                    self._whole = offset
+                yield self._raw(stream, size, messages=messages, has_beginning=offset is None)
             except UserError:
                 raise
             except Exception:  # noqa: BLE001 (damage may raise anything)
                 damage.unfinished = True
-                damage.unread = size - self._whole
+                damage.unread = size - self._whole if size == size_on_disk else 0
+
+    def _check_magic(self, stream: BinaryIO) -> None:
+        """Read the first bytes; an exception: they are not those of MCAP.
+
+        The recorder of a bag of several files may have been killed as it began one.
+        """
+        magic = b''
+        with suppress(zstandard.ZstdError):
+            magic = stream.read(len(MAGIC))
+        if magic != MAGIC and self._is_alone:
+            what = 'not an MCAP file' if self.path.lstat().st_size else 'empty'
+            raise UserError(f'{str(self.path)!r} is {what}: name another bag')
+        if magic != MAGIC:
+            raise ValueError('magic')
+        self._whole = len(MAGIC)
 
     def _raw(
         self, stream: BinaryIO, size: int, *, messages: bool, has_beginning: bool
@@ -271,6 +218,8 @@ class McapFile:
 
         The checksum of all data is compared only where it is read `has_beginning` and messages.
         """
+        if has_beginning:
+            self._check_magic(stream)
         end = self._whole
         checksum = zlib.crc32(MAGIC)  # of all data before the summary
         opcode = 0
@@ -287,6 +236,8 @@ class McapFile:
                 self._pass_over(stream, opcode, length)
             else:
                 body = stream.read(length)
+                if len(body) < length:
+                    raise ValueError('end')
                 # Zero in place of a checksum: the writer has computed none.
                 expected = int.from_bytes(body[:4], 'little')
                 is_checked = messages and has_beginning and opcode == Opcode.DATA_END

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from barc_sim.bags import bounds
+from barc_sim.bags.bag_files import suffix_of
 from barc_sim.bags.contents import Contents
 from barc_sim.bags.decoders import Decoder, LogDecoder
 from barc_sim.bags.metadata import TRACK_NAME
@@ -48,7 +49,7 @@ def newest(root: Path | str = 'bags') -> Path:
     UserError
         There is none.
     """
-    files = [file for file in Path(root).glob('*/*.mcap') if not file.is_symlink()]
+    files = [file for file in Path(root).glob('*/*') if suffix_of(file) and not file.is_symlink()]
     if not files:
         raise UserError(
             f'there is no bag in {str(Path(root).absolute())!r}: make a run first, name a bag, '
@@ -70,7 +71,7 @@ def read(path: Path | str, namespace: str | None = None) -> Log:
     Parameters
     ----------
     path
-        A bag's directory, or an MCAP file.
+        A bag's directory, or a file of it.
     namespace
         The car's namespace, such as `/car1`; needed only for a bag with several cars.
 
@@ -196,7 +197,7 @@ def load(path: Path | str, *, messages: bool = True) -> Bag:
     Parameters
     ----------
     path
-        A bag's directory, or an MCAP file.
+        A bag's directory, or a file of it.
     messages
         Whether to read more than its metadata and its attached files.
 

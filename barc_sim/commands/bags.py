@@ -96,7 +96,7 @@ def run_record(options: Namespace) -> int:
 def add_arguments_play(parser: Parser) -> None:
     """Describe the command."""
     parser.description = (
-        'Publish the messages of MCAP bags of any recorder on their topics, with their quality '
+        'Publish the messages of bags of any recorder on their topics, with their quality '
         'of service and time spacing, as `ros2 bag play` does. Several bags are played as one.'
     )
     parser.epilog = (
@@ -219,7 +219,7 @@ def _bag(options: Namespace) -> Path:
 
 def add_arguments_info(parser: Parser) -> None:
     """Describe the command."""
-    parser.description = 'Print what is in an MCAP bag of any recorder, as `ros2 bag info` does.'
+    parser.description = 'Print what is in a bag of any recorder, as `ros2 bag info` does.'
     parser.epilog = 'It reads every message, so that it counts only readable ones.'
     add_bag(parser)
     parser.add_argument('--json', action='store_true', help='print JSON')
@@ -271,10 +271,10 @@ def _damages(damages: dict[str, dict[str, int]]) -> Iterator[str]:
 def add_arguments_convert(parser: Parser) -> None:
     """Describe the command."""
     parser.description = (
-        'Convert an MCAP bag of any recorder to tables, a CSV file for each topic; of a run, also '
+        'Convert a bag of any recorder to tables, a CSV file for each topic; of a run, also '
         'run.csv, with a row for each state, its lap and its parameters.'
     )
-    parser.epilog = 'Convert bags of ROS 1 and of sqlite3 with `rosbags-convert` first.'
+    parser.epilog = 'Convert bags of ROS 1 with `rosbags-convert` first.'
     add_bag(parser)
     parser.add_argument('-o', '--output', type=Path, metavar='DIR', help='new folder (./BAG_csv)')
     add_topic_choice(parser, 'convert')

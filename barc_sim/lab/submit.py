@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from barc_sim.bags import mcap_files, reader
+from barc_sim.bags import bag_files, reader
 from barc_sim.cli.files import HeldFolder, open_regular
 from barc_sim.errors import UserError
 from barc_sim.lab.files import files_in, handout_of, names_of
@@ -158,7 +158,7 @@ def _course(bag: Path) -> ZipPart:
 def _bag(bag: Path, name: str) -> dict[str, bytes | Path]:
     """Return the files of a bag, in the folder `name` of the zip."""
     directory = bag if bag.is_dir() else bag.parent
-    files = [*mcap_files.files(bag), directory / 'metadata.yaml']
+    files = [*bag_files.files(bag), directory / 'metadata.yaml']
     return {f'{name}/{file.name}': file for file in files if file.is_file()}
 
 

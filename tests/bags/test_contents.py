@@ -4,18 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-import shlex
 import shutil
-import sqlite3
-import subprocess
-from collections import deque
-from contextlib import closing
 from typing import TYPE_CHECKING
 
 import pytest
-import yaml
 import zstandard
-from command_line import printed, refused
+from command_line import printed
 from mcap.writer import CompressionType, Writer
 from rosbags.convert.converter import convert
 
@@ -27,7 +21,6 @@ from barc_sim.bags.writer import BagWriter
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
 COUNTS = {'/a': 400, '/b': 40}
@@ -249,152 +242,3 @@ def test_a_definition_far_beyond_those_of_robots_is_refused(fields: str) -> None
     strange = Topic(name='/a', type='a/msg/B', definition=fields, type_hash='', offered_qos=[])
     with pytest.raises(ValueError, match=r'its (arrays|definition) ha'):
         types_of(strange)
-
-
-@pytest.fixture
-def converted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Callable[[Path], tuple[str, dict[str, int]]]:
-    """Return a function that runs the conversion that `info` of a bag names.
-
-    It returns the line of `info`, and the numbers of messages in the new bag, by topic.
-    """
-
-    def run(path: Path) -> tuple[str, dict[str, int]]:
-        folder = tmp_path / f'run {len([*tmp_path.iterdir()])}'
-        folder.mkdir()
-        monkeypatch.chdir(folder)
-        line = refused('info', str(path))
-        words = shlex.split(line.split('`')[1])
-        done = subprocess.run(words, check=False, capture_output=True, text=True)
-        assert done.returncode == 0, done.stdout + done.stderr
-        contents = Contents(folder / 'NEW')
-        deque(contents.messages(), maxlen=0)
-        return line, {topic.name: count for topic, count in contents.counted}
-
-    return run
-
-
-@pytest.mark.parametrize('compression', [None, 'zstd'])
-def test_the_error_for_an_sqlite3_bag_has_the_command_that_converts_it(
-    parts: list[Path],
-    tmp_path: Path,
-    converted: Callable[[Path], tuple[str, dict[str, int]]],
-    compression: str | None,
-) -> None:
-    made = tmp_path / 'my bag'
-    convert(parts, made, 'sqlite3', 9, compression, 'file', None, None, (), (), (), ())
-    (file,) = made.glob('*.db3*')
-    assert converted(made)[1] == COUNTS
-    if not compression:  # as if the recorder was killed
-        (made / 'metadata.yaml').unlink()
-    for path in (made, file):
-        assert converted(path)[1] == COUNTS
-
-
-_OLD_TABLES = """
-    CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL,
-      serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL);
-    CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL,
-      timestamp INTEGER NOT NULL, data BLOB NOT NULL);
-"""
-_TABLES_OF_HUMBLE = """
-    CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL);
-    CREATE TABLE metadata(id INTEGER PRIMARY KEY, metadata_version INTEGER NOT NULL,
-      metadata TEXT NOT NULL);
-    INSERT INTO schema(schema_version, ros_distro) VALUES (3, 'humble');
-"""
-_NO_LIMIT = '{sec: 2147483647, nsec: 4294967295}'
-_OLD_QOS = f"""
-- history: 3
-  depth: 0
-  reliability: 1
-  durability: 2
-  deadline: {_NO_LIMIT}
-  lifespan: {_NO_LIMIT}
-  liveliness: 1
-  liveliness_lease_duration: {_NO_LIMIT}
-  avoid_ros_namespace_conventions: false
-"""
-
-
-def make_old(folder: Path, tables: str, version: int, types: dict[str, str]) -> Path:
-    """Make a bag as rosbag2 did without definitions: a message of each topic in `types`."""
-    folder.mkdir()
-    file = folder / f'{folder.name}_0.db3'
-    with closing(sqlite3.connect(file)) as database:
-        database.executescript(tables)
-        for number, (name, kind) in enumerate(types.items(), start=1):
-            topic = number, name, kind, 'cdr', _OLD_QOS
-            database.execute('INSERT INTO topics VALUES (?, ?, ?, ?, ?)', topic)
-            message = number, number, 10**18 + number, bytes([0, 1, 0, 0, *bytes(60)])
-            database.execute('INSERT INTO messages VALUES (?, ?, ?, ?)', message)
-        database.commit()
-    about = [
-        {
-            'name': name,
-            'type': kind,
-            'serialization_format': 'cdr',
-            'offered_qos_profiles': _OLD_QOS,
-        }
-        for name, kind in types.items()
-    ]
-    information = {
-        'version': version,
-        'storage_identifier': 'sqlite3',
-        'relative_file_paths': [file.name],
-        'duration': {'nanoseconds': len(types)},
-        'starting_time': {'nanoseconds_since_epoch': 10**18},
-        'message_count': len(types),
-        'topics_with_message_count': [
-            {'topic_metadata': each, 'message_count': 1} for each in about
-        ],
-        'compression_format': '',
-        'compression_mode': '',
-    }
-    text = yaml.safe_dump({'rosbag2_bagfile_information': information})
-    (folder / 'metadata.yaml').write_text(text)
-    return file
-
-
-@pytest.mark.parametrize('of', ['folder', 'file'])
-@pytest.mark.parametrize(
-    ('distribution', 'tables', 'version'),
-    [('foxy', _OLD_TABLES, 4), ('humble', _OLD_TABLES + _TABLES_OF_HUMBLE, 5)],
-)
-def test_the_conversion_of_a_bag_without_definitions_works_as_printed(
-    tmp_path: Path,
-    converted: Callable[[Path], tuple[str, dict[str, int]]],
-    distribution: str,
-    tables: str,
-    version: int,
-    of: str,
-) -> None:
-    types = {
-        '/marker': 'visualization_msgs/msg/Marker',
-        '/ecu': 'barc_interfaces/msg/ECU',  # as of a workspace
-        '/level': 'nobody/msg/Level',
-    }
-    file = make_old(tmp_path / 'old', tables, version, types)
-    path = file.parent
-    if of == 'file':
-        path = file
-        (file.parent / 'metadata.yaml').unlink()
-    line, counts = converted(path)
-    assert f'--src-typestore-ref barc_sim.bags.sqlite:{distribution} ' in line
-    assert 'leaves out the messages of nobody/msg/Level, as the definition is neither' in line
-    assert counts == {'/marker': 1, '/ecu': 1}
-
-
-def test_the_error_for_an_invalid_sqlite3_file_has_the_command_that_converts_it(
-    tmp_path: Path,
-) -> None:
-    file = tmp_path / 'a.db3'
-    file.write_bytes(b'no database')
-    assert f'--src {file} --dst NEW --dst-storage mcap`' in refused('info', str(file))
-    with closing(sqlite3.connect(tmp_path / 'endless.db3')) as database:
-        database.execute(
-            'CREATE VIEW topics AS WITH RECURSIVE n(type) AS '
-            '(SELECT 1 UNION ALL SELECT type FROM n) SELECT type FROM n'
-        )
-    assert '--dst-storage mcap`' in refused('info', str(tmp_path / 'endless.db3'))

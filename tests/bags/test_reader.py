@@ -218,7 +218,7 @@ def test_the_error_without_a_bag_names_the_folder(
     ('make', 'sentence'),
     [
         (Path.rmdir, r"there is no bag '\S+': name"),
-        (Path.exists, r'has no \.mcap file in it'),
+        (Path.exists, r'has no \.mcap and no \.db3 file in it'),
         (lambda path: (path / 'a.mcap').touch(), r"a\.mcap' is empty: name another bag"),
         (lambda path: (path / 'a.mcap').write_text('x'), r"a\.mcap' is not an MCAP file: name a"),
         (lambda path: (path / 'a.mcap').write_text('not a bag, but text'), 'is not an MCAP file'),
