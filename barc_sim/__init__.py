@@ -88,7 +88,7 @@ if TYPE_CHECKING:
     from barc_sim.simulation.metrics import summary
     from barc_sim.simulation.scenario import Scenario
     from barc_sim.tuning.identification import identify
-    from barc_sim.tuning.search import sweep
+    from barc_sim.tuning.sweep import sweep, sweep_to_parquet
     from barc_sim.vehicle.bike_model import Vehicle
     from barc_sim.vehicle.plant import Actuator
     from barc_sim.vehicle.road import Road
@@ -118,6 +118,7 @@ __all__ = [
     'speed_profile',
     'summary',
     'sweep',
+    'sweep_to_parquet',
 ]
 
 #: The module of each name, and the name there.
@@ -143,7 +144,8 @@ _EXPORTS = {
     'simulate': ('simulation.closed_loop', 'simulate'),
     'speed_profile': ('control.lane', 'speed_profile'),
     'summary': ('simulation.metrics', 'summary'),
-    'sweep': ('tuning.search', 'sweep'),
+    'sweep': ('tuning.sweep', 'sweep'),
+    'sweep_to_parquet': ('tuning.sweep', 'sweep_to_parquet'),
 }
 
 

@@ -21,6 +21,7 @@ IMPORT_MODULES = Path(__file__).with_name('programs') / 'import_modules.py'
 ROOMS = (
     'errors',
     'cli',
+    'parallel',
     'interfaces',
     'vehicle',
     'control',
@@ -39,9 +40,11 @@ ROOMS = (
 WITHOUT_ROS = ROOMS[: ROOMS.index('ros')]
 #: Rooms that a room before them in line must not see all the same.
 NOT_SEEN = {room: {'tuning', 'learning', 'figures', 'lab'} for room in ('ros', 'nodes')}
-#: A module that needs the extra gym.
-NEEDS_GYM, HAS_GYM = 'environments.py', find_spec('gymnasium')
+#: Modules that need a package of an extra, by file.
+NEEDED = {'environments.py': 'gymnasium', 'workers.py': 'distributed'}
 ROS = {'barc_interfaces', 'rclpy', 'rosidl_runtime_py', 'rpyutils'}
+#: Those whose package asks for its system.
+NEEDS_SYSTEM = {'workers.py'}
 
 
 def module_name(path: Path) -> str:
@@ -49,12 +52,16 @@ def module_name(path: Path) -> str:
     return '.'.join(part for part in parts if part != '__init__')
 
 
+def _can_be_imported(path: Path) -> bool:
+    return path.name not in NEEDED or find_spec(NEEDED[path.name]) is not None
+
+
 def modules(*rooms: str) -> list[Path]:
     return sorted(
         path
         for room in rooms
         for path in (*(PACKAGE / room).rglob('*.py'), PACKAGE / f'{room}.py')
-        if path.exists() and 'templates' not in path.parts and (HAS_GYM or path.name != NEEDS_GYM)
+        if path.exists() and 'templates' not in path.parts and _can_be_imported(path)
     )
 
 
@@ -158,9 +165,10 @@ def test_rooms_up_to_lab_can_be_imported_without_ros() -> None:
 
 def test_rooms_without_ros_need_nothing_that_only_linux_has() -> None:
     rooms = (*WITHOUT_ROS, 'commands', 'ros/local', 'runs/terminal')
+    names = map(module_name, (path for path in modules(*rooms) if path.name not in NEEDS_SYSTEM))
     code = 'import importlib, sys\nfor name in sys.argv[1:]: importlib.import_module(name)'
     process = subprocess.run(
-        [sys.executable, '-c', code, *map(module_name, modules(*rooms))],
+        [sys.executable, '-c', code, *names],
         env=os.environ | ELSEWHERE,
         capture_output=True,
         text=True,

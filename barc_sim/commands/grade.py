@@ -2,35 +2,30 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 import re
-import shutil
-import signal
 import sys
-import tempfile
-import threading
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
+from concurrent.futures import Future
 from functools import partial
 from hashlib import sha256
-from multiprocessing import connection
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.cli.files import make_folder, saving
-from barc_sim.cli.parser import INTERRUPTED, number, whole
+from barc_sim.cli.parser import INTERRUPTED, number
 from barc_sim.cli.process import StopSignals
-from barc_sim.cli.python import working_in
 from barc_sim.errors import UserError, escaped
 from barc_sim.lab.files import BY_HAND, RUBRICS, handout_of, names_of
+from barc_sim.parallel.options import add_executor_options, executor_of
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Iterator
+    from concurrent.futures import Executor
 
     from barc_sim.cli.parser import Parser
-    from barc_sim.lab.grade.grade import ByHand, Grade
+    from barc_sim.lab.confined.process import ProcessLimits
+    from barc_sim.lab.grade.grade import ByHand, Grade, Rubric
+    from barc_sim.lab.submission import Submission
 
     _Outcome = tuple[Path, Grade | str]
 
@@ -74,9 +69,7 @@ def add_arguments(parser: Parser) -> None:
         help='list of students: a CSV file with name, id and section, as Canvas and Gradescope '
         'export it; folders are matched by id or name, and canvas.csv is written',
     )
-    parser.add_argument(
-        '--jobs', type=whole(1), metavar='N', help='submissions at once (one for each core)'
-    )
+    add_executor_options(parser, 'submissions')
     parser.add_argument(
         '--time-limit',
         type=number(1.0, 86_400.0),
@@ -114,11 +107,19 @@ def run(options: Namespace) -> int:
     blank_form = grade.nothing_entered(rubric).encode()
 
     limits = ProcessLimits(total=options.time_limit, confined=not options.unconfined)
-    check_confinement(limits)
+    if not options.scheduler:
+        check_confinement(limits)
     stopped: Future[Any] = Future()
-    with StopSignals() as stop, processes(options.jobs) as executor:
+    check = partial(_confinement_fault, limits)
+    # Each is read here, within limits, when a worker is free: what travels are the files that are
+    # graded, without plots and bags.
+    jobs = (
+        GradingJob(path, submission.read_submission(path), by_hand, rubric, limits)
+        for path, by_hand in entered_points.items()
+    )
+    with StopSignals() as stop, executor_of(options, check) as executor:
         stop.then(partial(stopped.set_result, None))
-        outcomes = grade_all(executor, stopped, entered_points, rubric, limits)
+        outcomes = grade_all(executor, stopped, jobs)
         grades, failures = _collect(outcomes, out, folders, blank_form)
     graded = len(grades) + len(failures)
     if graded < len(paths):
@@ -219,79 +220,48 @@ def _write(out: Path, path: Path, data: bytes) -> None:
         part.write_bytes(data)
 
 
-@contextmanager
-def processes(jobs: int | None) -> Iterator[Executor]:
-    """Use `jobs` worker processes, by default one for each core.
+class GradingJob(NamedTuple):
+    """A submission, and all that a worker needs to grade it."""
 
-    At the end of the block, workers that still run end, and their folders are removed; they also
-    end with this process, however it ends. Within the block this process works in an empty folder,
-    as its workers do.
-    """
-    # New processes: a fork would copy the locks of other threads, but not the threads.
-    context = multiprocessing.get_context('spawn')
-    with (
-        tempfile.TemporaryDirectory(prefix='barc_sim_', ignore_cleanup_errors=True) as folder,
-        # They would import a submission's `socket.py` from the working directory.
-        working_in(Path(folder)),
-    ):
-        pool = ProcessPoolExecutor(jobs, context, _begin_worker, (folder,))
-        try:
-            yield pool
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
-            workers = multiprocessing.active_children()
-            for worker in workers:
-                worker.kill()
-            for worker in workers:
-                worker.join()
-
-
-def _begin_worker(folder: str) -> None:
-    """Make temporary folders in `folder`, leave Ctrl-C to the parent process, and end with it."""
-    tempfile.tempdir = folder
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    assert parent  # noqa: S101 (the pool's)
-    # Its end closes a pipe, also where it is killed.
-    threading.Thread(target=_follow, args=(parent.sentinel,), daemon=True).start()
-
-
-def _follow(sentinel: int) -> None:
-    """End this process, and its folders, when the process of `sentinel` has ended."""
-    connection.wait([sentinel])
-    shutil.rmtree(tempfile.gettempdir(), ignore_errors=True)
-    os._exit(1)
+    path: Path
+    submission: Submission
+    by_hand: ByHand
+    rubric: Rubric
+    limits: ProcessLimits
 
 
 def grade_all(
-    executor: Executor,
-    stopped: Future[Any],
-    paths: Mapping[Path, ByHand],
-    *how: Any,  # noqa: ANN401 (rubric and limits)
+    executor: Executor, stopped: Future[Any], jobs: Iterable[GradingJob]
 ) -> Iterator[_Outcome]:
     """Yield each submission, as it finishes, with its grade or the grader's error.
 
     It ends early when `stopped` is done.
     """
-    pending: dict[Future[Any], Path] = {
-        executor.submit(_grade, path, hand, *how): path for path, hand in paths.items()
-    }
-    while pending and not stopped.done():
-        done, _ = wait([stopped, *pending], return_when=FIRST_COMPLETED)
-        for future in done - {stopped}:
-            path = pending.pop(future)
-            error = future.exception()
-            if error is None:
-                yield path, future.result()
-            elif isinstance(error, UserError):
-                yield path, str(error)
-            else:
-                yield path, f'{type(error).__name__}: {error}'
+    from barc_sim.parallel.pieces import finished_pieces  # noqa: PLC0415 (slow: not for --help)
+
+    for job, future in finished_pieces(executor, _grade, jobs, stopped):
+        error = future.exception()
+        if error is None:
+            yield job.path, future.result()
+        elif isinstance(error, UserError):
+            yield job.path, str(error)
+        else:
+            yield job.path, f'{type(error).__name__}: {error}'
 
 
-def _grade(path: Path, *how: Any) -> Grade:  # noqa: ANN401 (as `report` takes it)
-    """Return the grade of the submission at `path`, in a worker process."""
+def _grade(job: GradingJob) -> Grade:
+    """Return the grade of a submission; called by workers."""
     from barc_sim.lab.grade.grade import report  # noqa: PLC0415
-    from barc_sim.lab.submission import read_submission  # noqa: PLC0415
 
-    return report(read_submission(path), *how)
+    return report(job.submission, job.by_hand, job.rubric, job.limits)
+
+
+def _confinement_fault(limits: ProcessLimits) -> str:
+    """Return why a worker cannot confine a submission; empty if it can."""
+    from barc_sim.lab.confined.process import check_confinement  # noqa: PLC0415
+
+    try:
+        check_confinement(limits)
+    except UserError as error:
+        return str(error)
+    return ''

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from barc_sim.cli.parser import Parser
-    from barc_sim.tuning.search import Sweep
+    from barc_sim.tuning.sweep import Sweep
 
     Floats = NDArray[np.float64]
 
@@ -111,7 +111,8 @@ def run_tune(options: Namespace) -> None:
     from rich.console import Console  # noqa: PLC0415
 
     from barc_sim.lab.user_code.adapters import controller_of  # noqa: PLC0415
-    from barc_sim.tuning.search import search, sweep  # noqa: PLC0415
+    from barc_sim.tuning.search import search  # noqa: PLC0415
+    from barc_sim.tuning.sweep import sweep  # noqa: PLC0415
 
     began = time.monotonic()
     roads = options.road or ['lab']
@@ -204,7 +205,7 @@ def _command(options: Namespace, gains: Sequence[float], road: str) -> str:
 
 def _print_scores(road: str, scores: Sweep, label: str, costs: Floats) -> None:
     """Print a table of the scores and costs of two runs."""
-    from barc_sim.tuning.search import SCORES  # noqa: PLC0415
+    from barc_sim.tuning.sweep import SCORES  # noqa: PLC0415
 
     forms = ('.4f', '.4f', '.2%', '.3f')
     rows = [(gain, scores[gain], '.12g') for gain in GAINS]

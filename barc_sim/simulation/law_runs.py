@@ -328,7 +328,11 @@ class LawRuns:
         )
 
     def scores(
-        self, of_speed: Floats, of_lane: Floats | None = None, seeds: Ints | None = None
+        self,
+        of_speed: Floats,
+        of_lane: Floats | None = None,
+        seeds: Ints | None = None,
+        threads: int | None = None,
     ) -> Floats:
         """Return the scores of many runs, on all cores where they are compiled.
 
@@ -338,6 +342,8 @@ class LawRuns:
             gains of each run, in the order of their classes' `gains`: a row for each run.
         seeds
             of the noise of each run, shape `(n,)`; by default the plant's for all.
+        threads
+            number of threads for compiled runs; by default one for each core.
 
         Returns
         -------
@@ -356,6 +362,7 @@ class LawRuns:
             self._states,
             seeds,
             self._usual,
+            threads,
         )
 
     def _score_runs(self, gains: Floats, normals: Floats, states: int) -> Floats:

@@ -45,6 +45,7 @@ def scores_of_many(
     states: int,
     seeds: Ints | None = None,
     usual: int = 0,
+    threads: int | None = None,
 ) -> Floats:
     """Return the scores of many runs, on all cores where they are compiled.
 
@@ -64,6 +65,8 @@ def scores_of_many(
         of the noise of each run, shape `(n,)`; by default the sensor's for all.
     usual
         number of states with which most runs arrive, if it is more than 2048.
+    threads
+        number of threads for compiled runs; by default one for each core.
 
     Returns
     -------
@@ -86,13 +89,13 @@ def scores_of_many(
             if not len(runs):
                 break
 
-    workers = (cpu_count() or 1) if is_compiled() else 1
+    workers = (threads or cpu_count() or 1) if is_compiled() else 1
     jobs = _jobs(sensor, len(gains), seeds, workers)
     if len(jobs) == 1:
         run(jobs[0])
         return scores
-    with ThreadPoolExecutor(workers) as threads:
-        for done in [threads.submit(run, job) for job in jobs]:
+    with ThreadPoolExecutor(workers) as pool:
+        for done in [pool.submit(run, job) for job in jobs]:
             done.result()
     return scores
 

@@ -222,6 +222,7 @@ def scores_of_gains(
     distance: float,
     steps: int,
     seeds: Ints | None = None,
+    threads: int | None = None,
 ) -> Floats:
     """Return the scores of runs with these gains, on all cores where they are compiled.
 
@@ -239,6 +240,8 @@ def scores_of_gains(
         after which a run ends even if it has not arrived.
     seeds
         of the noise of each run, shape `(n,)`; by default the plant's for all.
+    threads
+        number of threads for compiled runs; by default one for each core.
 
     Returns
     -------
@@ -258,7 +261,7 @@ def scores_of_gains(
         return scores
 
     usual = usual_states(distance, reference, plant.ts)
-    return scores_of_many(score_runs, plant.sensor, gains, width, steps + 1, seeds, usual)
+    return scores_of_many(score_runs, plant.sensor, gains, width, steps + 1, seeds, usual, threads)
 
 
 def pid_log(plant: Plant, controller: PID, reference: float, distance: float, steps: int) -> Log:

@@ -17,7 +17,7 @@ from barc_sim.control.speed import KD, KP, LQR
 from barc_sim.simulation import law_runs, many_runs, rollout
 from barc_sim.simulation.closed_loop import simulate
 from barc_sim.simulation.scenario import Scenario
-from barc_sim.tuning.search import sweep
+from barc_sim.tuning.sweep import sweep
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:

@@ -226,18 +226,18 @@ def test_ctrl_c_between_two_files_of_a_submission_waits_for_the_last(
     over = threading.Event()
 
     @contextmanager
-    def processes(_: object) -> Iterator[Executor]:
+    def executor_of(*_: object) -> Iterator[Executor]:
         with ThreadPoolExecutor(1) as pool:
             yield pool
             over.set()
 
-    monkeypatch.setattr(grade, 'processes', processes)
+    monkeypatch.setattr(grade, 'executor_of', executor_of)
 
-    def graded(path: Path, *_: object) -> Grade:
-        if path.name == 'bob':
+    def graded(job: grade.GradingJob) -> Grade:
+        if job.path.name == 'bob':
             over.wait(60.0)  # the files of ada are written meanwhile
         files = {'report.html': b'1', 'results.json': b'2'}
-        return Grade(path.name, Rubric({'model.x': 1.0}), (), files=files)
+        return Grade(job.path.name, Rubric({'model.x': 1.0}), (), files=files)
 
     monkeypatch.setattr(grade, '_grade', graded)
     for name in ('ada', 'bob'):
@@ -262,16 +262,16 @@ def quick_grading(monkeypatch: pytest.MonkeyPatch) -> None:
     """Grade in this process, and fail for a submission whose name begins with `class`."""
 
     @contextmanager
-    def processes(_: object) -> Iterator[Executor]:
+    def executor_of(*_: object) -> Iterator[Executor]:
         with ThreadPoolExecutor(1) as pool:
             yield pool
 
-    def graded(path: Path, *_: object) -> Grade:
-        if path.name.startswith('class'):
+    def graded(job: grade.GradingJob) -> Grade:
+        if job.path.name.startswith('class'):
             raise UserError('it is late')
-        return Grade(path.name, Rubric({'model.x': 1.0}), (), files={'report.html': b'1'})
+        return Grade(job.path.name, Rubric({'model.x': 1.0}), (), files={'report.html': b'1'})
 
-    monkeypatch.setattr(grade, 'processes', processes)
+    monkeypatch.setattr(grade, 'executor_of', executor_of)
     monkeypatch.setattr(grade, '_grade', graded)
 
 

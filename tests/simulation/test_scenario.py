@@ -16,7 +16,7 @@ from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import lap, simulate
 from barc_sim.simulation.scenario import Scenario
 from barc_sim.simulation.stepper import parameters
-from barc_sim.tuning.search import sweep
+from barc_sim.tuning.sweep import sweep
 from barc_sim.vehicle.bicycles import LateralParameters
 from barc_sim.vehicle.bike_model import Vehicle
 from barc_sim.vehicle.parameters import SERVO

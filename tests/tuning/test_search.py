@@ -13,7 +13,8 @@ from barc_sim.control.speed import LQR
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import simulate
 from barc_sim.simulation.metrics import summary
-from barc_sim.tuning.search import SCORES, rounded, search, sweep
+from barc_sim.tuning.search import rounded, search
+from barc_sim.tuning.sweep import SCORES, sweep
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

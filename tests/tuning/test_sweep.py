@@ -17,7 +17,7 @@ from barc_sim.simulation.closed_loop import drive_scenario, lap, simulate
 from barc_sim.simulation.log import TrackLog
 from barc_sim.simulation.metrics import rms, summary
 from barc_sim.simulation.scenario import Scenario
-from barc_sim.tuning.search import LANE_SCORES, SCORES, sweep
+from barc_sim.tuning.sweep import LANE_SCORES, SCORES, sweep
 from barc_sim.vehicle.bicycles import LateralParameters
 from barc_sim.vehicle.bike_model import Vehicle, bikeFE
 from barc_sim.vehicle.law import compiled, is_compiled
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from barc_sim.control.lane import Curvature
     from barc_sim.simulation.log import Log
-    from barc_sim.tuning.search import Sweep
+    from barc_sim.tuning.sweep import Sweep
 
 needs_numba = pytest.mark.skipif(not is_compiled(), reason='needs the extra fast')
 SPEED_LAWS: dict[type[Any], dict[str, tuple[float, float]]] = {

@@ -12,8 +12,10 @@ from command_line import refused
 from barc_sim.__main__ import main as barc
 from barc_sim.commands import grade as command
 from barc_sim.errors import UserError
+from barc_sim.lab.confined.process import ProcessLimits
 from barc_sim.lab.grade.classroom import Student, owner, read_roster
-from barc_sim.lab.grade.grade import ByHand, Rubric, entered
+from barc_sim.lab.grade.grade import ByHand, Rubric, entered, load_rubric
+from barc_sim.lab.submission import Submission
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -123,7 +125,7 @@ FIRST, AGAIN, BOB = 'chen_li_123457_998_lab', 'chen_li_123457_999_lab-2', 'bob'
 def test_grading_again_keeps_the_points_by_hand(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(command, 'processes', ThreadPoolExecutor)  # which start at once
+    monkeypatch.setattr(command, 'executor_of', lambda *_: ThreadPoolExecutor())  # starts at once
     submissions, out = tmp_path / 'in', tmp_path / 'out'
     rubric = tmp_path / 'rubric.yaml'
     rubric.write_text('title: Lab\ncriteria: {model.y: 2}\ntask_3: {relay.rate: 3}\n')
@@ -184,15 +186,19 @@ def test_no_file_is_written_beside_the_submissions(folder: Callable[..., Path]) 
 def test_a_fault_of_the_grader_does_not_stop_the_others(
     folder: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def grade(path: Path, *_: object) -> str:
-        if path.name == 's1':
+    def grade(job: command.GradingJob) -> str:
+        if job.path.name == 's1':
             raise MemoryError('too little')
-        return path.name
+        return job.path.name
 
     monkeypatch.setattr(command, '_grade', grade)
-    paths = {folder(f's{i}'): ByHand() for i in range(3)}
+    rubric = load_rubric()
+    jobs = [
+        command.GradingJob(path, Submission(path.name), ByHand(), rubric, ProcessLimits())
+        for path in (folder(f's{i}') for i in range(3))
+    ]
     with ThreadPoolExecutor(2) as pool:
-        outcomes = command.grade_all(pool, Future(), paths)
+        outcomes = command.grade_all(pool, Future(), jobs)
         outcome_of = {path.name: outcome for path, outcome in outcomes}
 
     assert outcome_of == {

@@ -1,0 +1,82 @@
+"""The workers of a Dask cluster. Dask brings the scheduler, the workers, retries and security."""
+
+from __future__ import annotations
+
+import socket
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from barc_sim import __version__
+from barc_sim.cli.packages import extra
+from barc_sim.cli.parser import show
+from barc_sim.errors import UserError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from concurrent.futures import Executor
+
+_TIMEOUT = 10.0  #: [s] to connect to a scheduler
+
+
+@contextmanager
+def cluster(address: str, check: Callable[[], str] | None = None) -> Iterator[Executor]:
+    """Use the workers of a Dask cluster, also those that join it later.
+
+    Parameters
+    ----------
+    address
+        The scheduler's, such as tcp://10.0.0.1:8786.
+    check
+        Called on each worker: returns why it cannot do the work, in a sentence; empty if it
+        can. By default all can.
+
+    Raises
+    ------
+    UserError
+        Dask is not installed, there is no scheduler at the address, or no worker gets work.
+    """
+    distributed = extra('distributed', '--scheduler', 'cluster')
+    _check_scheduler(address)
+    from barc_sim.parallel.workers import ABLE, CheckWorker, reason_of  # noqa: PLC0415 (needs Dask)
+
+    plugin = CheckWorker(check)
+    with distributed.Client(address, timeout=f'{_TIMEOUT} s', set_as_default=False) as client:
+        try:
+            client.register_plugin(plugin)
+            reasons = client.run(reason_of, check, __version__)
+        except ImportError as error:
+            raise UserError(
+                f'the workers at {address!r} lack barc_sim ({error}): install the same version '
+                f'there, {__version__}'
+            ) from None
+
+        unable = {worker: reason for worker, reason in reasons.items() if reason}
+        for worker, reason in sorted(unable.items()):
+            show(f'the worker {worker} gets no work: {reason}', error=True)
+        if reasons and len(unable) == len(reasons):
+            raise UserError(f'no worker at {address!r} can do this work: start others')
+        if not reasons:
+            show(
+                f'no worker has joined {address} yet: start one with `dask worker {address}`',
+                error=True,
+            )
+
+        try:
+            yield client.get_executor(pure=False, resources={ABLE: 1})
+        finally:
+            client.unregister_worker_plugin(plugin.name)
+
+
+def _check_scheduler(address: str) -> None:
+    """Raise UserError if nothing listens at a scheduler's address."""
+    from distributed.comm.addressing import get_address_host_port  # noqa: PLC0415 (optional)
+
+    try:
+        with socket.create_connection(get_address_host_port(address, strict=True), _TIMEOUT):
+            pass
+    except (OSError, ValueError) as error:
+        reason = getattr(error, 'strerror', None) or error
+        raise UserError(
+            f'there is no Dask scheduler at {address!r} ({reason}): start one with '
+            '`dask scheduler`, and give the address that it prints'
+        ) from None

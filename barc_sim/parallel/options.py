@@ -1,0 +1,45 @@
+"""The options of commands that share their work: `--jobs` and `--scheduler`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from barc_sim.cli.parser import whole
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+    from collections.abc import Callable
+    from concurrent.futures import Executor
+    from contextlib import AbstractContextManager
+
+    from barc_sim.cli.parser import Parser
+
+
+def add_executor_options(parser: Parser, what: str) -> None:
+    """Add `--jobs` and `--scheduler`; `what` is done at once, in the plural."""
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument(
+        '--jobs', type=whole(1), metavar='N', help=f'{what} at once (one for each core)'
+    )
+    group.add_argument(
+        '--scheduler',
+        metavar='ADDRESS',
+        help='let the workers of the Dask cluster with this scheduler do the work, such as '
+        'tcp://10.0.0.1:8786',
+    )
+
+
+def executor_of(
+    options: Namespace, check: Callable[[], str] | None = None
+) -> AbstractContextManager[Executor]:
+    """Return the executor that `--jobs` or `--scheduler` ask for, for a `with` block.
+
+    `check` returns why a worker of a cluster cannot do the work; empty if it can.
+    """
+    if options.scheduler:
+        from barc_sim.parallel.cluster import cluster  # noqa: PLC0415 (slow: not for --help)
+
+        return cluster(options.scheduler, check)
+    from barc_sim.parallel.processes import processes  # noqa: PLC0415 (slow: not for --help)
+
+    return processes(options.jobs)

@@ -1,0 +1,171 @@
+"""Worker processes of this machine, which survive the end of one of them."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import shutil
+import signal
+import tempfile
+import threading
+from collections import deque
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from multiprocessing import connection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from barc_sim.cli.python import working_in
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+_MOST_ENDS = 3  #: of worker processes during one call, after which it is not made again
+
+
+@dataclass(eq=False)
+class _Call:
+    """A call that was submitted, and the future that the caller has of it."""
+
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+    future: Future[Any] = field(default_factory=Future)
+    ends: int = 0  #: how often a process has ended while it was made or waited
+
+
+class LocalProcesses(Executor):
+    """Worker processes of this machine; the calls of one that ends are made again by another.
+
+    When a process ends, for example because the system has killed it, its pool ends, with all calls
+    that wait. These are made again in a new pool, one after the other, so that a call that ends its
+    process takes no other with it: its exception is BrokenExecutor after the third time.
+
+    Parameters
+    ----------
+    jobs
+        Number of processes; by default one for each core.
+    begin
+        Called in each process with `arguments` when it begins.
+    arguments
+        For `begin`.
+    """
+
+    def __init__(
+        self, jobs: int | None, begin: Callable[..., None], arguments: tuple[Any, ...] = ()
+    ) -> None:
+        self._max_workers = jobs or os.cpu_count() or 1  # `pieces.workers_of` reads it
+        self._begin = begin
+        self._arguments = arguments
+        self._lock = threading.RLock()
+        self._pool = self._new_pool()
+        self._again: deque[_Call] = deque()  # to be made again; the first one is being made
+
+    def _new_pool(self) -> ProcessPoolExecutor:
+        # New processes: a fork would copy the locks of other threads, but not the threads.
+        context = multiprocessing.get_context('spawn')
+        return ProcessPoolExecutor(self._max_workers, context, self._begin, self._arguments)
+
+    def submit(  # type: ignore[override]  # mypy: of a ParamSpec
+        self,
+        function: Callable[..., Any],
+        /,
+        *arguments: Any,  # noqa: ANN401
+    ) -> Future[Any]:
+        """Have a process call `function`; return the future of its result."""
+        call = _Call(function, arguments)
+        with self._lock:
+            if self._again:
+                self._again.append(call)
+            else:
+                self._make(call)
+        return call.future
+
+    def _make(self, call: _Call) -> None:
+        """Hand a call to the pool."""
+        try:
+            made = self._pool.submit(call.function, *call.arguments)
+        except BrokenExecutor:
+            self._pool = self._new_pool()
+            made = self._pool.submit(call.function, *call.arguments)
+        made.add_done_callback(lambda made: self._on_made(call, made))
+
+    def _on_made(self, call: _Call, made: Future[Any]) -> None:
+        """Pass the result of a call on, or make it again if its process has ended."""
+        if made.cancelled():
+            call.future.cancel()
+            return
+
+        error = made.exception()
+        with self._lock:
+            if isinstance(error, BrokenExecutor):
+                call.ends += 1
+                if call.ends < _MOST_ENDS:
+                    self._make_again(call)
+                    return
+            if self._again and self._again[0] is call:
+                self._again.popleft()
+                if self._again:
+                    self._make(self._again[0])
+
+        if not call.future.set_running_or_notify_cancel():
+            return
+        if error is None:
+            call.future.set_result(made.result())
+        else:
+            call.future.set_exception(error)
+
+    def _make_again(self, call: _Call) -> None:
+        """Make a call again, after those that are to be made again already."""
+        if self._again and self._again[0] is call:
+            self._make(call)
+            return
+        self._again.append(call)
+        if len(self._again) == 1:
+            self._make(call)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the processes, as `ProcessPoolExecutor.shutdown` does."""
+        self._pool.shutdown(wait=wait, cancel_futures=cancel_futures)
+
+
+@contextmanager
+def processes(jobs: int | None) -> Iterator[Executor]:
+    """Use `jobs` worker processes, by default one for each core.
+
+    At the end of the block, workers that still run end, and their folders are removed; they also
+    end with this process, however it ends. Within the block this process works in an empty folder,
+    as its workers do.
+    """
+    with (
+        tempfile.TemporaryDirectory(prefix='barc_sim_', ignore_cleanup_errors=True) as folder,
+        # They would import a submission's `socket.py` from the working directory.
+        working_in(Path(folder)),
+    ):
+        executor = LocalProcesses(jobs, _begin_worker, (folder,))
+        try:
+            yield executor
+        finally:
+            executor.shutdown(wait=False, cancel_futures=True)
+            workers = multiprocessing.active_children()
+            for worker in workers:
+                worker.kill()
+            for worker in workers:
+                worker.join()
+
+
+def _begin_worker(folder: str) -> None:
+    """Make temporary folders in `folder`, leave Ctrl-C to the parent process, and end with it."""
+    tempfile.tempdir = folder
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    assert parent  # noqa: S101 (the pool's)
+    # Its end closes a pipe, also where it is killed.
+    threading.Thread(target=_follow, args=(parent.sentinel,), daemon=True).start()
+
+
+def _follow(sentinel: int) -> None:
+    """End this process, and its folders, when the process of `sentinel` has ended."""
+    connection.wait([sentinel])
+    shutil.rmtree(tempfile.gettempdir(), ignore_errors=True)
+    os._exit(1)
