@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
 _IP = shutil.which('ip')
@@ -88,7 +88,9 @@ class Cluster:
         self._start(before, 'scheduler', '--host', host, '--port', f'{port}', '--no-dashboard')
         self.address = self._address(self._folder / '1.log')
 
-    def _start(self, before: list[str], *words: str) -> subprocess.Popen[bytes]:
+    def _start(
+        self, before: list[str], *words: str, path: Sequence[str] = ()
+    ) -> subprocess.Popen[bytes]:
         with (self._folder / f'{len(self._processes) + 1}.log').open('wb') as log:
             process = subprocess.Popen(
                 [*before, sys.executable, '-m', 'dask', *words],
@@ -96,6 +98,7 @@ class Cluster:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 cwd=self._folder,
+                env=os.environ | {'PYTHONPATH': os.pathsep.join([*path, *sys.path])},
                 start_new_session=True,
             )
         self._processes.append(process)
@@ -111,14 +114,18 @@ class Cluster:
             time.sleep(0.05)
         raise TimeoutError(log.read_text(encoding='utf-8'))
 
-    def add_worker(self, *, threads: int = 1) -> subprocess.Popen[bytes]:
-        """Start a worker on a machine of its own; return its process."""
+    def add_worker(self, *, threads: int = 1, path: Sequence[str] = ()) -> subprocess.Popen[bytes]:
+        """Start a worker on a machine of its own, return its process.
+
+        It imports what this process can, first from the folders of `path`.
+        """
         self._machines += 1
         before, host = self._network.machine(self._machines)
         return self._start(
             before,
             *('worker', self.address, '--host', host, '--no-dashboard', '--no-nanny'),
             *('--nthreads', f'{threads}', '--local-directory', str(self._folder)),
+            path=path,
         )
 
     def kill(self, worker: subprocess.Popen[bytes]) -> None:

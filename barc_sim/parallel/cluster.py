@@ -42,13 +42,15 @@ def cluster(address: str, check: Callable[[], str] | None = None) -> Iterator[Ex
     plugin = CheckWorker(check)
     with distributed.Client(address, timeout=f'{_TIMEOUT} s', set_as_default=False) as client:
         try:
-            client.register_plugin(plugin)
             reasons = client.run(reason_of, check, __version__)
-        except ImportError as error:
+        except Exception as error:
+            if 'ModuleNotFoundError' not in repr(error):  # Dask raises an exception with its text
+                raise
             raise UserError(
-                f'the workers at {address!r} lack barc_sim ({error}): install the same version '
-                f'there, {__version__}'
+                f'the workers at {address!r} lack barc_sim: install the same version there, '
+                f'{__version__} ({error})'
             ) from None
+        client.register_plugin(plugin)
 
         unable = {worker: reason for worker, reason in reasons.items() if reason}
         for worker, reason in sorted(unable.items()):

@@ -1,0 +1,129 @@
+"""A real Dask cluster: the same results, whoever does the work, joins or ends."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from cluster_work import refuse, square_slowly
+from command_line import refused, wait_for
+from user_files import CONTROLLER, MODEL, PLAIN_CONTROLLER, PLAIN_MODEL
+
+from barc_sim import sweep
+from barc_sim.__main__ import main as barc
+from barc_sim.errors import UserError
+from barc_sim.lab.confined.process import ProcessLimits, check_confinement
+from barc_sim.parallel.cluster import cluster
+
+distributed = pytest.importorskip('distributed')
+
+from dask_cluster import dask_cluster  # noqa: E402
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from dask_cluster import Cluster
+
+pytestmark = [pytest.mark.timeout(300), pytest.mark.xdist_group('cluster')]
+
+WITHOUT_BARC_SIM = Path(__file__).parents[1] / 'without_barc_sim'
+KP = np.linspace(1.0, 60.0, 300)
+
+
+@pytest.fixture(scope='module')
+def machines(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    """Return a scheduler with two workers."""
+    with dask_cluster(tmp_path_factory.mktemp('cluster'), workers=2) as started:
+        yield started
+
+
+def test_a_sweep_on_a_cluster_has_the_same_bits(machines: Cluster) -> None:
+    with cluster(machines.address) as executor:
+        shared = sweep(kp=KP, ki=20.0, noise=0.1, executor=executor)
+    assert shared.tobytes() == sweep(kp=KP, ki=20.0, noise=0.1).tobytes()
+
+
+def test_the_pieces_of_a_worker_that_ends_are_done_by_one_that_joins(tmp_path: Path) -> None:
+    with dask_cluster(tmp_path, workers=0) as machines, cluster(machines.address) as executor:
+        futures = [executor.submit(square_slowly, number) for number in range(20)]
+        worker = machines.add_worker()
+        assert futures[0].result(60.0) == 0
+
+        machines.kill(worker)
+        machines.add_worker()
+        assert [future.result(60.0) for future in futures] == [n * n for n in range(20)]
+
+
+def test_workers_that_cannot_do_the_work_get_none_of_it(
+    machines: Cluster, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with (
+        pytest.raises(UserError, match='can do this work: start others'),
+        cluster(machines.address, refuse),
+    ):
+        pass
+    assert capsys.readouterr().err.count('gets no work: its kernel is too old') == 2
+
+
+def test_workers_without_barc_sim_are_named_in_a_sentence(tmp_path: Path) -> None:
+    with dask_cluster(tmp_path, workers=0) as machines:
+        machines.add_worker(path=[str(WITHOUT_BARC_SIM)])
+        wait_for(lambda: 'Registered to' in (tmp_path / '2.log').read_text('utf-8'))
+        with (
+            pytest.raises(UserError, match='lack barc_sim: install the same version there'),
+            cluster(machines.address),
+        ):
+            pass
+
+
+@pytest.mark.parametrize('address', ['tcp://127.0.0.1:9', 'nowhere', ''])
+def test_an_address_without_a_scheduler_is_refused(address: str) -> None:
+    with pytest.raises(UserError, match='there is no Dask scheduler at'), cluster(address):
+        pass
+
+
+def write_class(folder: Path, students: int) -> None:
+    """Write submissions, right ones and with mistakes."""
+    for number in range(students):
+        submission = folder / f'student_{number}'
+        submission.mkdir(parents=True)
+        model = MODEL if number % 3 else PLAIN_MODEL.replace('sin', 'cos', number % 2)
+        controller = CONTROLLER if number % 2 else PLAIN_CONTROLLER
+        (submission / 'bike_model.py').write_text(model)
+        (submission / 'controller.py').write_text(controller)
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    """Return the files below a folder, but for the page of the class, which has a random nonce."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob('*')
+        if path.is_file() and path.name != 'class.html'
+    }
+
+
+@pytest.mark.slow
+def test_a_class_on_a_cluster_has_the_same_reports_though_a_worker_ends(
+    tmp_path: Path, machines: Cluster
+) -> None:
+    try:
+        check_confinement(ProcessLimits())
+    except UserError as error:
+        pytest.skip(str(error))
+    write_class(tmp_path / 'class', 6)
+
+    ended = machines.add_worker()
+    threading.Timer(3.0, machines.kill, (ended,)).start()
+    local = ['grade', str(tmp_path / 'class'), '--out', str(tmp_path / 'local'), '--jobs', '2']
+    remote = ['grade', str(tmp_path / 'class'), '--out', str(tmp_path / 'remote')]
+    assert barc([*remote, '--scheduler', machines.address]) == 0
+    assert barc(local) == 0
+    assert files_of(tmp_path / 'remote') == files_of(tmp_path / 'local')
+
+
+def test_the_options_exclude_each_other() -> None:
+    words = ('grade', 'folder', '--jobs', '2', '--scheduler', 'tcp://10.0.0.1:8786')
+    assert 'not allowed with argument --jobs' in refused(*words)
