@@ -21,7 +21,7 @@ from barc_sim.cli.yaml_files import from_yaml
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Collection, Iterator
     from pathlib import Path
 
     from mcap.records import Channel, Schema
@@ -189,3 +189,8 @@ class BagFile(Protocol):
 
     def messages(self, start: int | None = None) -> Iterator[BagMessage]:
         """Yield the messages that were received at `start` [ns] or later, in the file's order."""
+
+    def blocks_before(
+        self, end: int, wants: Callable[[Collection[int], int], bool]
+    ) -> Iterator[Iterator[BagMessage]]:
+        """Yield blocks of messages before a time, as `Contents.blocks_before` does."""

@@ -25,7 +25,7 @@ from barc_sim.errors import UserError
 from barc_sim.interfaces.definitions import definition
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Collection, Iterator
 
     from rosbags.typesys.store import Typestore
 
@@ -108,6 +108,14 @@ class SqliteFile:
         except (sqlite3.Error, TypeError):
             self._budget.charge(1)
             self.damage.unfinished = True
+
+    def blocks_before(
+        self,
+        end: int,
+        wants: Callable[[Collection[int], int], bool],  # noqa: ARG002 (the file is one block)
+    ) -> Iterator[Iterator[BagMessage]]:
+        """Yield the messages before a time [ns], in one block."""
+        yield (message for message in self.messages() if message.received < end)
 
     @contextmanager
     def _open(self) -> Iterator[sqlite3.Connection]:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.parser import Parser
     from barc_sim.control.speed import Tunable
-    from barc_sim.runs.inputs import Inputs
+    from barc_sim.runs.inputs import RunInputs
 
 _MAX_CARS = 100
 #: Of the simulator on a road.
@@ -130,7 +130,7 @@ def run_acc(options: Namespace) -> int:
         return acc.run_nodes(options, inputs, stop)
 
 
-def _prepare(options: Namespace) -> Inputs:
+def _prepare(options: Namespace) -> RunInputs:
     """Choose the engine, and read the inputs of a run; nothing has imported rclpy before."""
     from barc_sim.runs.engine import choose_and_install_engine  # noqa: PLC0415 (not for --help)
     from barc_sim.runs.inputs import read_inputs  # noqa: PLC0415
