@@ -157,7 +157,8 @@ def _take(path: Path) -> None:
         shape = RESULTS[request](*arguments)
         try:
             result, error = parsed(first_line[: max_size(shape)], _SERIAL)
-            json.dumps((shape.checked(result), error), ensure_ascii=False).encode()
+            sentence = error.text if error else None
+            json.dumps((shape.checked(result), sentence), ensure_ascii=False).encode()
             accepted += 1
         except ValueError:
             continue
