@@ -14,7 +14,8 @@ import barc_sim  # noqa: E402
 project = 'barc_sim'
 author = 'barc_sim developers'
 copyright = author  # noqa: A001 (Sphinx's name)
-version = release = barc_sim.__version__
+version = barc_sim.__version__
+release = version
 
 extensions = [
     'myst_nb',

@@ -245,7 +245,7 @@ def draw_missing() -> None:
             figure = make()
         with mpl.rc_context({'svg.hashsalt': name, 'svg.fonttype': 'path'}):
             figure.savefig(light, transparent=True, metadata={'Date': None})
-        dark.write_text(_darkened(light.read_text(encoding='utf-8')), encoding='utf-8')
+        dark.write_text(_darken(light.read_text(encoding='utf-8')), encoding='utf-8')
 
 
 def _newest_source() -> float:
@@ -257,7 +257,7 @@ def _newest_source() -> float:
     return max(path.stat().st_mtime for path in sources)
 
 
-def _darkened(svg: str) -> str:
+def _darken(svg: str) -> str:
     for light, dark in DARK.items():
         svg = svg.replace(light.lower(), dark.lower())
     return svg

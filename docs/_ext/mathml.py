@@ -19,13 +19,13 @@ def visit_math(translator: Any, node: nodes.math) -> None:
 
 def visit_math_block(translator: Any, node: nodes.math_block) -> None:
     """Write a formula in a line of its own, with its number if it has one."""
+    text = node.astext().replace('{aligned}', '{align*}')
     translator.body.append(translator.starttag(node, 'div', CLASS='math-block'))
-    text = node.astext()
-    text = text.replace('{aligned}', '{align*}')
     translator.body.append(convert(text, display='block'))
     if node.get('number'):
         translator.body.append(f'<span class="eqno">({node["number"]})</span>')
     translator.body.append('</div>\n')
+
     raise nodes.SkipNode
 
 

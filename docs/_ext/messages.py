@@ -9,7 +9,8 @@ MESSAGES = Path(__file__).parents[2] / 'barc_interfaces' / 'msg'
 
 
 def message(text: str) -> tuple[str, list[tuple[str, str, str]]]:
-    """Return what a .msg file says at its beginning, and type, name and comment of its fields."""
-    about, _, body = text.partition('\n\n')
-    found = re.findall(r'^(\S+)\s+(\w+)[ \t]*(?:#\s*(.*))?$', body, re.MULTILINE)
-    return ' '.join(line.lstrip('# ') for line in about.splitlines()), found
+    """Return the comment at the top of a .msg file, and type, name and comment of its fields."""
+    head, _, body = text.partition('\n\n')
+    about = ' '.join(line.lstrip('# ') for line in head.splitlines())
+    fields = re.findall(r'^(\S+)\s+(\w+)[ \t]*(?:#\s*(.*))?$', body, re.MULTILINE)
+    return about, fields

@@ -34,20 +34,16 @@ _ON_TRACK = {SIMULATOR, CONTROLLER}
 @cache
 def parameters() -> dict[str, list[Row]]:
     """Return the parameters of each node that has some of its own, sorted."""
-    rows: dict[str, dict[str, Row]] = {}
+    rows_by_node = {}
     with TemporaryDirectory() as folder, _hidden_context(folder) as context:
-        for name in ALONE:
-            on_track = [[Parameter('track', value='L')]] if name in _ON_TRACK else []
-            for overrides in ([], *on_track):
-                node = _make(name, Path(folder), context, overrides)
-                # The defaults of the first one stay.
-                rows[name] = _rows(node) | rows.get(name, {})
-                node.destroy_node()
-    return {
-        name: [row for _, row in sorted(of_node.items())]
-        for name, of_node in sorted(rows.items())
-        if of_node
-    }
+        for name in sorted(ALONE):
+            rows = _rows(name, Path(folder), context, [])
+            if name in _ON_TRACK:
+                # The defaults are those without a track.
+                rows = _rows(name, Path(folder), context, [Parameter('track', value='L')]) | rows
+            if rows:
+                rows_by_node[name] = [rows[parameter] for parameter in sorted(rows)]
+    return rows_by_node
 
 
 @contextmanager
@@ -59,6 +55,7 @@ def _hidden_context(log_folder: str) -> Iterator[Context]:
     context = Context()
     domain = random.randrange(1, 102)  # noqa: S311 (no secret)
     context.init(['--ros-args', '--log-level', 'error'], domain_id=domain)
+
     try:
         yield context
     finally:
@@ -66,9 +63,19 @@ def _hidden_context(log_folder: str) -> Iterator[Context]:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = before
 
 
+def _rows(name: str, folder: Path, context: Context, overrides: list[Parameter]) -> dict[str, Row]:
+    """Return a row for each parameter of a node."""
+    node = _make(name, folder, context, overrides)
+    names = node._parameters.keys() - _COMMON  # noqa: SLF001 (rclpy has no other way)
+    rows = {parameter: _row(node, parameter) for parameter in names}
+    node.destroy_node()
+    return rows
+
+
 def _make(name: str, folder: Path, context: Context, overrides: list[Parameter]) -> Node:
     description = ALONE[name]
     node_class = getattr(import_module(description.module), description.class_name)
+
     arguments: dict[str, Any] = {}
     if name == 'keyboard':
         arguments['terminal'] = SimpleNamespace(listen=lambda _: None, close=lambda: None)
@@ -78,11 +85,6 @@ def _make(name: str, folder: Path, context: Context, overrides: list[Parameter])
     return node
 
 
-def _rows(node: Node) -> dict[str, Row]:
-    names = node._parameters.keys() - _COMMON  # noqa: SLF001 (rclpy has no other way)
-    return {name: _row(node, name) for name in names}
-
-
 def _row(node: Node, name: str) -> Row:
     descriptor = node.describe_parameter(name)
     default: Any = node.get_parameter(name).value
@@ -90,6 +92,8 @@ def _row(node: Node, name: str) -> Row:
         default = str(default).lower()
 
     ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
-    between = f'{ranges[0].from_value:g} to {ranges[0].to_value:g}; ' if ranges else ''
+    between = ''
+    if ranges:
+        between = f'{ranges[0].from_value:g} to {ranges[0].to_value:g}; '
     fixed = 'fixed for a run' if descriptor.read_only else 'can be set while it runs'
     return name, str(default), between, fixed, descriptor.description

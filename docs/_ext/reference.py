@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).parents[2]
 #: Modules for users; `import barc_sim` offers what others have for them.
 PUBLIC = ('bags.reader', 'nodes', 'ros.executor.executor')
-#: Characters of a signature that is shown.
-_LONGEST = 600
+#: Characters of a signature that is printed in full.
+_MAX_SIGNATURE = 600
 
 
 class Generated(SphinxDirective):
@@ -61,15 +61,21 @@ class Room(Generated):
     def lines(self) -> Iterator[str]:
         """Yield a title for each module, and what autodoc makes of it."""
         room = import_module(f'barc_sim.{self.arguments[0]}')
-        found = walk_packages(getattr(room, '__path__', []), f'{room.__name__}.')
-        for name in (room.__name__, *(module.name for module in found)):
+        modules = walk_packages(getattr(room, '__path__', []), f'{room.__name__}.')
+        for name in (room.__name__, *(module.name for module in modules)):
             if any(part.startswith('_') or part == 'templates' for part in name.split('.')):
                 continue
-            short = name.removeprefix('barc_sim.')
-            head = ('', short, '~' * len(short), '')
-            public = any(short == each or short.startswith(f'{each}.') for each in PUBLIC)
-            hidden = () if public else ('   :no-index:',)  # of the index, and the search for names
-            yield from (*head, f'.. automodule:: {name}', *hidden, '')
+
+            short_name = name.removeprefix('barc_sim.')
+            yield from ('', short_name, '~' * len(short_name), '')
+            yield f'.. automodule:: {name}'
+            if not _is_public(short_name):
+                yield '   :no-index:'  # neither in the index nor in the search for names
+            yield ''
+
+
+def _is_public(module: str) -> bool:
+    return any(module == public or module.startswith(f'{public}.') for public in PUBLIC)
 
 
 class Exports(Generated):
@@ -100,11 +106,12 @@ class Figure(SphinxDirective):
             source = f'{"../" * depth}_static/{name}'
             html = f'<img class="only-{look}" src="{source}" alt="{self.options["alt"]}"/>'
             figure += nodes.raw('', html, format='html')
+
         if self.content:
             caption = nodes.caption()
-            parsed = nodes.Element()
-            self.state.nested_parse(self.content, self.content_offset, parsed)
-            caption += parsed[0].children
+            element = nodes.Element()
+            self.state.nested_parse(self.content, self.content_offset, element)
+            caption += element[0].children
             figure += caption
         return [figure]
 
@@ -115,25 +122,42 @@ def _prepare(_: Sphinx) -> None:
     import_module('figures').draw_missing()
 
 
-def _clean(_: Sphinx, what: str, *about: Any) -> None:
+def _clean(
+    _: Sphinx, kind: str, name: str, thing: object, options: object, lines: list[str]
+) -> None:
     """Let |x| in a docstring be the amount of x, and a colon a colon; drop namedtuple's text."""
-    lines = about[-1]
+    del name, thing, options
     if lines and lines[0].startswith('Alias for field number'):
         lines.clear()
-    if what in {'attribute', 'data'} and lines:
+    if kind in {'attribute', 'data'} and lines:
         lines[0] = lines[0].replace(': ', r'\: ', 1)  # else napoleon reads a type before it
-    for i, line in enumerate(lines):
-        parts = re.split(r'(`+[^`]*`+)', line)
-        lines[i] = ''.join(
-            part if part.startswith('`') else re.sub(r'\|(?=[^|]*\|)|(?<=\S)\|', r'\|', part)
-            for part in parts
-        )
+    for number, line in enumerate(lines):
+        lines[number] = _with_bars(line)
 
 
-def _shorten(_: Sphinx, *about: Any) -> tuple[str, str | None] | None:
+def _with_bars(line: str) -> str:
+    """Return a line whose bars are bars, and not marks of substitutions."""
+    parts = re.split(r'(`+[^`]*`+)', line)
+    for number, part in enumerate(parts):
+        if not part.startswith('`'):
+            parts[number] = re.sub(r'\|(?=[^|]*\|)|(?<=\S)\|', r'\|', part)
+    return ''.join(parts)
+
+
+def _shorten(
+    _: Sphinx,
+    kind: str,
+    name: str,
+    thing: object,
+    options: object,
+    signature: str | None,
+    annotation: str | None,
+) -> tuple[str, str | None] | None:
     """Leave out a signature that nobody would read; the fields follow it."""
-    *_, signature, returned = about
-    return ('(...)', returned) if signature and len(signature) > _LONGEST else None
+    del kind, name, thing, options
+    if signature and len(signature) > _MAX_SIGNATURE:
+        return '(...)', annotation
+    return None
 
 
 def _link_words(app: Sphinx, doctree: nodes.document) -> None:
@@ -141,39 +165,52 @@ def _link_words(app: Sphinx, doctree: nodes.document) -> None:
     page = app.env.docname
     if page.startswith(('reference/', 'notebooks/', 'changelog')):
         return
-    glossary = (ROOT / 'docs' / 'reference' / 'glossary.md').read_text(encoding='utf-8')
-    left = set(re.findall(r'^([a-z][\w -]+)\n  ', glossary, re.MULTILINE))
+
+    words = _glossary()
     if page.startswith('instructors/'):
-        left.discard('grade')  # a score there, not a slope
+        words.discard('grade')  # a score there, not a slope
     for paragraph in doctree.findall(nodes.paragraph):
-        for text in [each for each in paragraph.children if isinstance(each, nodes.Text)]:
-            found = left and re.search(
-                rf'\b({"|".join(sorted(left, key=len, reverse=True))})\b', text
-            )
-            if not found:
-                continue
-            left.remove(found[0])
-            word = addnodes.pending_xref(
-                '',
-                nodes.inline('', found[0]),
-                refdomain='std',
-                reftype='term',
-                reftarget=found[0],
-                refdoc=page,
-                refexplicit=True,
-            )
-            around = nodes.Text(text[: found.start()]), word, nodes.Text(text[found.end() :])
-            paragraph.replace(text, list(around))
+        for text in [child for child in paragraph.children if isinstance(child, nodes.Text)]:
+            match = _first_word(words, text)
+            if match:
+                words.remove(match[0])
+                paragraph.replace(text, _with_link(text, match, page))
+
+
+def _glossary() -> set[str]:
+    text = (ROOT / 'docs' / 'reference' / 'glossary.md').read_text(encoding='utf-8')
+    return set(re.findall(r'^([a-z][\w -]+)\n  ', text, re.MULTILINE))
+
+
+def _first_word(words: set[str], text: str) -> re.Match[str] | None:
+    """Find the first of the words in a text; a longer word before a shorter one."""
+    if not words:
+        return None
+    alternatives = '|'.join(sorted(words, key=len, reverse=True))
+    return re.search(rf'\b({alternatives})\b', text)
+
+
+def _with_link(text: str, match: re.Match[str], page: str) -> list[nodes.Node]:
+    """Return a text whose matched word is a link to the glossary."""
+    word = match[0]
+    link = addnodes.pending_xref(
+        '',
+        nodes.inline('', word),
+        refdomain='std',
+        reftype='term',
+        reftarget=word,
+        refdoc=page,
+        refexplicit=True,
+    )
+    return [nodes.Text(text[: match.start()]), link, nodes.Text(text[match.end() :])]
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Add the directives, and first draw the figures and write the pages that follow from lists."""
-    for name, directive in {
-        'barc-exports': Exports,
-        'barc-figure': Figure,
-        'barc-room': Room,
-    }.items():
-        app.add_directive(name, directive)
+    app.add_directive('barc-exports', Exports)
+    app.add_directive('barc-figure', Figure)
+    app.add_directive('barc-room', Room)
+
     app.connect('builder-inited', _prepare)
     app.connect('autodoc-process-docstring', _clean, priority=400)  # before napoleon
     app.connect('autodoc-process-signature', _shorten)

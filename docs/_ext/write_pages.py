@@ -11,7 +11,6 @@ import inspect
 import re
 import sys
 from importlib import import_module
-from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -45,6 +44,15 @@ ROOMS = (
     'errors', 'cli', 'interfaces', 'vehicle', 'control', 'simulation', 'tuning', 'learning', 'bags',
     'figures', 'page', 'lab', 'ros', 'nodes', 'runs', 'commands',
 )  # fmt: skip
+#: The files of students, and the laws that are judged in them.
+_LAWS: tuple[tuple[str, Law], ...] = (
+    ('bike_model.py', BIKE),
+    ('controller.py', PID_LAW),
+    ('lane.py', LANE),
+    ('lane.py', LANE_CLASS),
+    ('raceline.py', RACELINE),
+    ('identify.py', IDENTIFY),
+)
 _PART = re.compile(r'(<!-- generated: (\w+) -->\n).*?(<!-- end -->)', re.DOTALL)
 
 
@@ -59,7 +67,11 @@ def plain(text: str) -> str:
     text = re.sub(r'([*_<|\[$])', r'\\\1', ' '.join(text.split()))
     # What is a literal already, or an option.
     literal = r'`[^`]*`|(?<![\w-])--[a-z][\w\\-]*'
-    return re.sub(literal, lambda found: code(found[0].replace('\\', '').strip('`')), text)
+    return re.sub(literal, _as_code, text)
+
+
+def _as_code(match: re.Match[str]) -> str:
+    return code(match[0].replace('\\', '').strip('`'))
 
 
 def table(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
@@ -78,45 +90,69 @@ def commands() -> Iterator[str]:
             parser = Parser(prog=f'barc {name}')
             add_arguments, _ = functions(name)
             add_arguments(parser)
+
             yield from (f'### barc {name}', '', plain(parser.description or ''))
             yield from _options(parser)
-            for action in parser._actions:  # noqa: SLF001 (argparse has no other way)
-                if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
-                    for verb, sub in action.choices.items():
-                        yield from (f'#### barc {name} {verb}', '', plain(sub.description or ''))
-                        yield from _options(sub)
+            for verb, subparser in _subparsers(parser).items():
+                yield from (f'#### barc {name} {verb}', '', plain(subparser.description or ''))
+                yield from _options(subparser)
             if parser.epilog:
                 yield from (plain(parser.epilog), '')
 
 
+def _subparsers(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    """Return the parsers of a command's verbs."""
+    for action in parser._actions:  # noqa: SLF001 (argparse has no other way)
+        if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
+            return action.choices
+    return {}
+
+
 def _options(parser: argparse.ArgumentParser) -> Iterator[str]:
+    """Yield a table of the options, or an empty line if there are none."""
     helps = (argparse._HelpAction, argparse._SubParsersAction)  # noqa: SLF001
     rows = []
     for action in parser._actions:  # noqa: SLF001
         if action.help == argparse.SUPPRESS or isinstance(action, helps):
             continue
-        value = action.metavar or (action.dest.upper() if action.nargs != 0 else '')
-        value = value if isinstance(value, str) else ' '.join(value)
-        if action.choices and not action.metavar:
-            value = '\\|'.join(str(choice) for choice in action.choices)
-        names = ', '.join(action.option_strings)
-        shown = f'{names} {"" if action.nargs == 0 else value}' if names else value
-        rows.append((code(shown.strip()), plain((action.help or '') % vars(action))))
-    return table(('option', 'meaning; default'), rows) if rows else iter([''])
+
+        words = [', '.join(action.option_strings), _value(action)]
+        usage = ' '.join(word for word in words if word)
+        rows.append((code(usage), plain((action.help or '') % vars(action))))
+
+    if rows:
+        return table(('option', 'meaning; default'), rows)
+    return iter([''])
+
+
+def _value(action: argparse.Action) -> str:
+    """Return the placeholder of an option's value; '' for an option without one."""
+    if action.nargs == 0:
+        return ''
+    if isinstance(action.metavar, tuple):
+        return ' '.join(action.metavar)
+    if action.metavar:
+        return action.metavar
+    if action.choices:
+        return '\\|'.join(str(choice) for choice in action.choices)
+    return action.dest.upper()
 
 
 def fields() -> Iterator[str]:
     """Yield a section for each message of barc_interfaces, from its .msg file."""
     for path in sorted(messages.MESSAGES.glob('*.msg')):
-        about, found = messages.message(path.read_text(encoding='utf-8'))
+        about, declarations = messages.message(path.read_text(encoding='utf-8'))
         yield from (f'## {path.stem}', '', plain(about))
-        rows = ((code(name), code(kind), plain(text)) for kind, name, text in found)
+        rows = ((code(name), code(kind), plain(text)) for kind, name, text in declarations)
         yield from table(('field', 'type', 'meaning'), rows)
 
 
-def _kind(kind: str) -> str:
-    package, name = kind.split('/')
-    return f'[{name}](messages.md#{name.lower()})' if package == 'barc_interfaces' else code(kind)
+def _type(kind: str) -> str:
+    """Return the name of a type, such as `std_msgs/msg/Float64`; ours are links."""
+    package, _, name = kind.split('/')
+    if package == 'barc_interfaces':
+        return f'[{name}](messages.md#{name.lower()})'
+    return code(f'{package}/{name}')
 
 
 def topics() -> Iterator[str]:
@@ -124,15 +160,28 @@ def topics() -> Iterator[str]:
     meanings = _meanings(topic_names)
     rows = []
     for topic, message_type in sorted(MESSAGE_TYPES.items(), key=lambda row: row[0].lstrip('/')):
-        package, _, name = message_type.split('/')
-        path = messages.MESSAGES / f'{name}.msg'
-        about = messages.message(path.read_text(encoding='utf-8'))[0] if path.is_file() else ''
+        meaning = meanings.get(topic) or _about_message(message_type)
         publishers = [name for name, node in NODES.items() if topic in node.publishes]
         subscribers = [name for name, node in NODES.items() if topic in node.subscribes]
-        ends = (', '.join(sorted(ends)) or 'any' for ends in (publishers, subscribers))
-        meaning = plain(meanings.get(topic) or about)
-        rows.append((code(topic), _kind(f'{package}/{name}'), meaning, *ends))
+        rows.append(
+            (
+                code(topic),
+                _type(message_type),
+                plain(meaning),
+                ', '.join(sorted(publishers)) or 'any',
+                ', '.join(sorted(subscribers)) or 'any',
+            )
+        )
     return table(('topic', 'type', 'meaning', 'from', 'to'), rows)
+
+
+def _about_message(message_type: str) -> str:
+    """Return the comment at the top of one of our messages; '' for another's."""
+    path = messages.MESSAGES / f'{message_type.rpartition("/")[2]}.msg'
+    if not path.is_file():
+        return ''
+    about, _ = messages.message(path.read_text(encoding='utf-8'))
+    return about
 
 
 def services() -> Iterator[str]:
@@ -140,8 +189,7 @@ def services() -> Iterator[str]:
     meanings = _meanings(service_names)
     rows = []
     for service, service_type in sorted(SERVICE_TYPES.items()):
-        package, _, name = service_type.split('/')
-        rows.append((code(service), _kind(f'{package}/{name}'), plain(meanings[service])))
+        rows.append((code(service), _type(service_type), plain(meanings[service])))
     return table(('service', 'type', 'meaning'), rows)
 
 
@@ -151,23 +199,23 @@ def _meanings(module: ModuleType) -> dict[str, str]:
     comments = re.findall(
         r"^(?:#: (.*)\n)?([A-Z_]+) = '[\w./]+'(?:  #: (.*))?$", text, re.MULTILINE
     )
-    return {
-        getattr(module, name): before or behind
-        for before, name, behind in comments
-        if before or behind
-    }
+
+    meanings = {}
+    for before, name, behind in comments:
+        if before or behind:
+            meanings[getattr(module, name)] = before or behind
+    return meanings
 
 
 def parameters() -> Iterator[str]:
     """Yield a table for each node, from its parameters."""
     import observed_nodes  # noqa: PLC0415 (needs ROS)
 
-    for node, found in observed_nodes.parameters().items():
+    for node, parameters_of_node in observed_nodes.parameters().items():
         yield from (f'## {node}', '')
-        rows = (
-            (code(name), code(default), plain(text), f'{between}{fixed}')
-            for name, default, between, fixed, text in found
-        )
+        rows = []
+        for name, default, between, fixed, text in parameters_of_node:
+            rows.append((code(name), code(default), plain(text), f'{between}{fixed}'))
         yield from table(('parameter', 'default', 'meaning', 'range'), rows)
 
 
@@ -182,19 +230,21 @@ def columns() -> Iterator[str]:
 
 def mistakes() -> Iterator[str]:
     """Yield every sentence of the tables of mistakes, by file and what it is about."""
-
-    def of(file: str, law: Law) -> list[tuple[str, str]]:
-        return [(f'`{file}`: {each.topic.lower()}', each.sentence) for each in law.mistakes]
-
-    files = 'bike_model.py', 'controller.py', 'lane.py', 'lane.py', 'raceline.py', 'identify.py'
-    laws = BIKE, PID_LAW, LANE, LANE_CLASS, RACELINE, IDENTIFY
-    every = [each for file, law in zip(files, laws, strict=True) for each in of(file, law)]
-    for title, group in groupby(every, key=lambda each: each[0]):
+    for title, sentences in _sentences_by_title().items():
         yield from (f'## {title}', '')
-        # Measured numbers stand for n.
-        sentences = (re.sub(r'\b(?<=last |over )\d+|\{.*?\}', 'n', each) for _, each in group)
         yield from (f'- {plain(sentence)}' for sentence in dict.fromkeys(sentences))
         yield ''
+
+
+def _sentences_by_title() -> dict[str, list[str]]:
+    """Return the sentences of the laws, in their order, with n for measured numbers."""
+    sentences: dict[str, list[str]] = {}
+    for file, law in _LAWS:
+        for mistake in law.mistakes:
+            title = f'`{file}`: {mistake.topic.lower()}'
+            sentence = re.sub(r'\b(?<=last |over )\d+|\{.*?\}', 'n', mistake.sentence)
+            sentences.setdefault(title, []).append(sentence)
+    return sentences
 
 
 def exports() -> Iterator[str]:
@@ -205,10 +255,9 @@ def exports() -> Iterator[str]:
 
 def rooms() -> Iterator[str]:
     """Yield a table of the rooms."""
-    names = (f'barc_sim.{name}' for name in ROOMS)
-    return table(
-        ('room', 'what'), ((code(name), plain(_about(import_module(name)))) for name in names)
-    )
+    names = [f'barc_sim.{name}' for name in ROOMS]
+    rows = ((code(name), plain(_about(import_module(name)))) for name in names)
+    return table(('room', 'what'), rows)
 
 
 def _about(thing: object) -> str:
@@ -216,7 +265,8 @@ def _about(thing: object) -> str:
 
 
 _WRITERS = (commands, fields, topics, services, parameters, columns, mistakes, exports, rooms)
-PARTS: dict[str, Callable[[], Iterator[str]]] = {each.__name__: each for each in _WRITERS}
+#: The functions that write the parts, by the names of these.
+PARTS: dict[str, Callable[[], Iterator[str]]] = {write.__name__: write for write in _WRITERS}
 
 
 def pages() -> Iterator[Path]:
@@ -228,19 +278,21 @@ def pages() -> Iterator[Path]:
 
 def filled(text: str) -> str:
     """Return the text of a page with its generated parts as they have to be."""
+    return _PART.sub(_filled_part, text)
 
-    def part(found: re.Match[str]) -> str:
-        lines = '\n'.join(PARTS[found[2]]()).strip('\n')
-        lines = re.sub(r'\n{3,}', '\n\n', lines)
-        return f'{found[1]}\n{lines}\n\n{found[3]}'
 
-    return _PART.sub(part, text)
+def _filled_part(match: re.Match[str]) -> str:
+    begin, name, end = match.groups()
+    lines = '\n'.join(PARTS[name]()).strip('\n')
+    lines = re.sub(r'\n{3,}', '\n\n', lines)
+    return f'{begin}\n{lines}\n\n{end}'
 
 
 def write_rooms(folder: Path) -> None:
     """Write the pages of the rooms and of the exports for autodoc, where they have changed."""
     texts = {'names': ('What import barc_sim offers', '.. barc-exports::')}
     texts |= {name: (f'barc_sim.{name}', f'.. barc-room:: {name}') for name in ROOMS}
+
     for name, (title, directive) in texts.items():
         target = folder / 'reference' / 'api' / f'{name}.rst'
         search = '' if name == 'names' else ':nosearch:\n\n'  # the rooms are for developers
