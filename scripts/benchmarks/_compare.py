@@ -133,7 +133,7 @@ def table(results: Results, titles: Mapping[str, str] | None = None, *, ratio: b
     lines = []
     count = 0
     for case, runs_by_subject in results.items():
-        lines += _aligned(_rows(case, runs_by_subject, titles or {}, ratio=ratio))
+        lines += _align(_rows(case, runs_by_subject, titles or {}, ratio=ratio))
         lines.append('')
         count = max(count, *map(len, runs_by_subject.values()))
 
@@ -202,7 +202,7 @@ def _number(value: float) -> str:
     return f'{value:,.{decimals}f}'
 
 
-def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+def _align(rows: Sequence[Sequence[str]]) -> list[str]:
     """Return a line for each row: the first column to the left, the others to the right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = []

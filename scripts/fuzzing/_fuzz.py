@@ -14,7 +14,7 @@ from collections import Counter, defaultdict
 from pathlib import Path
 from typing import Any
 
-from _trial import ESCAPE, HANG, MEMORY, RESULT, SENTENCE, TRACEBACK, Trial, content, trials
+from _trial import ESCAPE, HANG, MEMORY, RESULT, SENTENCE, TRACEBACK, Trial, make_file, trials
 
 from barc_sim.cli.parser import Parser, call, whole
 
@@ -50,7 +50,7 @@ def main(args: list[str] | None = None) -> int:
         attempts = trials(kind, options.seed, numbers)
 
     for trial in attempts:
-        trials_by_damage[trial.damaged].append(trial)
+        trials_by_damage[trial.damage].append(trial)
         if not trial.is_failure:
             continue
 
@@ -84,9 +84,9 @@ def _row(name: str, of_damage: list[Trial]) -> str:
 
 
 def _save(kind: Any, seed: int, number: int, folder: Path) -> None:  # noqa: ANN401 (a module)
-    suffix, _, data, _ = content(kind, seed, number)
+    file = make_file(kind, seed, number)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / f'{number}{suffix}').write_bytes(data)
+    (folder / f'{number}{file.suffix}').write_bytes(file.content)
 
 
 if __name__ == '__main__':

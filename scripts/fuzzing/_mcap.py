@@ -99,7 +99,7 @@ class Record:
             at += size
         return fields
 
-    def packed(self) -> bytes:
+    def pack(self) -> bytes:
         """Return it as it stands in a file."""
         length = len(self.body) if self.length is None else self.length
         return struct.pack('<BQ', self.kind, length) + self.body
@@ -149,7 +149,7 @@ def pack_chunk(chunk: Record, compression: bytes, *, checked: bool) -> None:
     if not fields:
         return
 
-    data = b''.join(record.packed() for record in chunk.inner)
+    data = b''.join(record.pack() for record in chunk.inner)
     fields |= {
         'size': struct.pack('<Q', len(data)),
         'crc': struct.pack('<I', zlib.crc32(data) if checked else 0),
@@ -168,7 +168,7 @@ def assemble(file_records: list[Record], *, finished: bool) -> bytes:
         if finished and is_footer:
             record.body = _FOOTER.pack(summary_start, 0, 0)
 
-        content += record.packed()
+        content += record.pack()
         if record.kind == Opcode.DATA_END:
             summary_start = len(content)
 

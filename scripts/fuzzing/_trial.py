@@ -40,7 +40,7 @@ class Trial(NamedTuple):
     """What became of a file."""
 
     number: int
-    damaged: str = ''  #: what was damaged in it
+    damage: str = ''  #: what was damaged in it
     outcome: str = HANG
     seconds: float = 0.0  #: of the longest use
     mebibytes: float = 0.0  #: at most
@@ -50,6 +50,15 @@ class Trial(NamedTuple):
     def is_failure(self) -> bool:
         """Whether it ended in neither a result nor a sentence."""
         return self.outcome not in (RESULT, SENTENCE)
+
+
+class DamagedFile(NamedTuple):
+    """A file that is to be read."""
+
+    suffix: str
+    damage: str  #: what is damaged in it
+    content: bytes
+    chance: Random  #: for its uses
 
 
 def trials(kind: Any, seed: int, numbers: range) -> Iterator[Trial]:  # noqa: ANN401 (a module)
@@ -88,10 +97,11 @@ def _reports(receiver: Connection, todo: list[int], count: int) -> Iterator[Tria
             return
 
 
-def content(kind: Any, seed: int, number: int) -> tuple[str, str, bytes, Random]:  # noqa: ANN401
-    """Return suffix, damage and content of a file, and the chances of its uses."""
+def make_file(kind: Any, seed: int, number: int) -> DamagedFile:  # noqa: ANN401 (a module)
+    """Return the file with a number; the same seed makes the same file."""
     chance = Random(f'{seed} {number}')  # noqa: S311 (no secret)
-    return *kind.damaged(chance), chance
+    suffix, damage, content = kind.damaged_file(chance)
+    return DamagedFile(suffix, damage, content, chance)
 
 
 def _try_all(kind: Any, seed: int, numbers: list[int], sender: Connection) -> None:  # noqa: ANN401
@@ -106,16 +116,17 @@ def _try_all(kind: Any, seed: int, numbers: list[int], sender: Connection) -> No
 
 
 def _try(kind: Any, seed: int, number: int, place: Path) -> Trial:  # noqa: ANN401
-    suffix, damaged, data, chance = content(kind, seed, number)
-    path = place / f'run_0{suffix}'
-    path.write_bytes(data)
-    del data  # which would count
+    file = make_file(kind, seed, number)
+    path = place / f'run_0{file.suffix}'
+    path.write_bytes(file.content)
+    trial = Trial(number, file.damage, RESULT)
+    uses = kind.uses(file.chance)
+    del file  # its content would count
 
     Path('/proc/self/clear_refs').write_text('5', encoding='ascii')  # the peak begins anew
     memory_before = _peak()  # of the process before it was forked, too
     clock = getattr(kind, 'clock', time.monotonic)
-    trial = Trial(number, damaged, RESULT)
-    for use in kind.uses(chance):
+    for use in uses:
         start = clock()
         try:
             use(path)

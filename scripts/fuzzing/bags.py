@@ -90,7 +90,7 @@ def original() -> bytes:
     return content[:end_of_data] + attachment + content[end_of_data:]
 
 
-def damaged(chance: Random) -> tuple[str, str, bytes]:
+def damaged_file(chance: Random) -> tuple[str, str, bytes]:
     """Return the suffix of a file, what is damaged in it, and its content."""
     finished = chance.random() < _FINISHED
     base = original()

@@ -81,7 +81,7 @@ def original() -> tuple[Log, ...]:
     )
 
 
-def damaged(chance: Random) -> tuple[str, str, bytes]:
+def damaged_file(chance: Random) -> tuple[str, str, bytes]:
     """Return the suffix of a bag, what is odd about it, and its content."""
     kind = chance.choice(_KINDS)
     log = chance.choice(original())
@@ -93,7 +93,7 @@ def damaged(chance: Random) -> tuple[str, str, bytes]:
     states = _Series(t, v)
     commands = _changes(_Series(log.t[:-1], log.motor[:-1]))
 
-    states, commands = _damaged(kind, states, commands, chance, random)
+    states, commands = _damage(kind, states, commands, chance, random)
     return f'.{kind.replace(" ", "-")}.mcap', kind, _bag(states, commands)
 
 
@@ -103,7 +103,7 @@ def _changes(series: _Series) -> _Series:
     return series.where(np.abs(steps) > 0.0)
 
 
-def _damaged(
+def _damage(
     kind: str, states: _Series, commands: _Series, chance: Random, random: np.random.Generator
 ) -> tuple[_Series, _Series]:
     count = len(states.times)

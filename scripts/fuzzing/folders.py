@@ -297,7 +297,7 @@ def trials(seed: int, numbers: range) -> Iterator[Trial]:
 def try_traps(command: str, traps: Sequence[Trap], surroundings: Surroundings) -> list[Trial]:
     """Try traps in one run; each alone if it fails, so that the trial that fails is named."""
     trial = _try_together(command, traps, surroundings)
-    together = [trial._replace(number=trap.number, damaged=trap.kind) for trap in traps]
+    together = [trial._replace(number=trap.number, damage=trap.kind) for trap in traps]
     if not trial.is_failure or len(traps) == 1:
         return together
 

@@ -60,7 +60,7 @@ def original() -> None:
     """Do nothing: the replies are made as they are needed."""
 
 
-def damaged(chance: Random) -> tuple[str, str, bytes]:
+def damaged_file(chance: Random) -> tuple[str, str, bytes]:
     """Return the suffix of a file, what is damaged in it, and its content."""
     request = chance.choice([*_REQUESTS])
     result = _value(RESULTS[request](*_REQUESTS[request]), chance)
@@ -70,7 +70,7 @@ def damaged(chance: Random) -> tuple[str, str, bytes]:
         case 1:
             return '.json', 'a value within', _reply(_with_strange(result, chance))
         case 2:
-            return '.json', 'the frame', _framed(result, chance)
+            return '.json', 'the frame', _with_odd_frame(result, chance)
     return '.json', 'numbers of any size', _reply(result)
 
 
@@ -109,7 +109,7 @@ def _with_strange(value: Any, chance: Random) -> Any:  # noqa: ANN401 (of any sh
     return chance.choice((*_STRANGE, *TEXTS))
 
 
-def _framed(result: object, chance: Random) -> bytes:
+def _with_odd_frame(result: object, chance: Random) -> bytes:
     forms = (
         b'[' * 200_000,
         b'{"serial": 3, "result": ' + b'[' * 100_000,

@@ -45,7 +45,7 @@ def original() -> None:
     """Do nothing: the files are made as they are needed."""
 
 
-def damaged(chance: Random) -> tuple[str, str, bytes]:
+def damaged_file(chance: Random) -> tuple[str, str, bytes]:
     """Return the suffix of a file, what is odd about it, and its content."""
     match chance.randrange(4):
         case 0:
@@ -53,13 +53,13 @@ def damaged(chance: Random) -> tuple[str, str, bytes]:
         case 1:
             return '.csv', 'numbers', _table(chance, chance.choice((0.01, 0.1, 1.0))).encode()
         case 2:
-            table = _table(chance, 0.0, _mangled(chance.choice(_HEADERS), chance))
+            table = _table(chance, 0.0, _mangle(chance.choice(_HEADERS), chance))
             return '.csv', 'headers', table.encode('utf-8', 'surrogatepass')
     text = _table(chance, 0.0)
     return '.csv', 'encodings', text.encode(chance.choice(_ENCODINGS), 'replace')
 
 
-def _mangled(header: str, chance: Random) -> str:
+def _mangle(header: str, chance: Random) -> str:
     """Return a header in another form, or with another text in it."""
     names = header.split(',')
     match chance.randrange(6):

@@ -62,25 +62,25 @@ def original() -> None:
     """Do nothing: the texts are made as they are needed."""
 
 
-def damaged(chance: Random) -> tuple[str, str, bytes]:
+def damaged_file(chance: Random) -> tuple[str, str, bytes]:
     """Return the suffix of a file, what is damaged in it, and its content."""
     match chance.randrange(6):
         case 0:
-            content = _encoded(chance.choice(_YAML), chance)
+            content = _encode(chance.choice(_YAML), chance)
             return '.yaml', 'any bytes of YAML', text(content, chance)
         case 1:
-            content = _encoded(chance.choice(_CSV), chance)
+            content = _encode(chance.choice(_CSV), chance)
             return '.csv', 'any bytes of CSV', text(content, chance)
         case 2:
-            return '.yaml', 'aliases', _encoded(_aliases(chance), chance)
+            return '.yaml', 'aliases', _encode(_aliases(chance), chance)
         case 3:
-            return '.yaml', 'nested YAML', _encoded(_nested(chance), chance)
+            return '.yaml', 'nested YAML', _encode(_nested(chance), chance)
         case 4:
-            return '.csv', 'generated CSV', _encoded(_table(chance), chance)
-    return '.yaml', 'values of YAML', _encoded(_with_values(chance), chance)
+            return '.csv', 'generated CSV', _encode(_table(chance), chance)
+    return '.yaml', 'values of YAML', _encode(_with_values(chance), chance)
 
 
-def _encoded(content: str, chance: Random) -> bytes:
+def _encode(content: str, chance: Random) -> bytes:
     encoding = chance.choice(_ENCODINGS) if chance.random() < 0.3 else 'utf-8'  # noqa: PLR2004 (some)
     return content[:_MAX_LENGTH].encode(encoding, 'replace')
 

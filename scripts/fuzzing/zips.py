@@ -47,13 +47,17 @@ def clock() -> float:
     return sum(os.times()[:4])
 
 
-def damaged(chance: Random) -> tuple[str, str, bytes]:
+def damaged_file(chance: Random) -> tuple[str, str, bytes]:
     """Return the suffix of a file, what is damaged in it, and its content."""
     match chance.randrange(6):
         case 0:
-            return '.zip', 'any bytes of a .zip', damage(_zipped(chance.choice(_METHODS)), chance)
+            return (
+                '.zip',
+                'any bytes of a .zip',
+                damage(_usual_zip(chance.choice(_METHODS)), chance),
+            )
         case 1:
-            return '.zip', 'names and kinds', _misnamed(chance)
+            return '.zip', 'names and kinds', _zip_of_odd_names(chance)
         case 2 | 3 | 4:
             return '.zip', 'headers of a .zip', _zip(chance)
     name, content = _with_other_fields(chance)
@@ -62,7 +66,7 @@ def damaged(chance: Random) -> tuple[str, str, bytes]:
 
 def _with_other_fields(chance: Random) -> tuple[str, bytes]:
     """Return the name of a record, and a .zip with other numbers in that record."""
-    content = bytearray(_zipped(chance.choice(_METHODS)))
+    content = bytearray(_usual_zip(chance.choice(_METHODS)))
     mark = chance.choice(sorted(_RECORDS))
     name, codes = _RECORDS[mark]
     fields = content.index(mark) + len(mark)
@@ -167,7 +171,7 @@ def _extra(chance: Random) -> bytes:
 
 
 @cache
-def _zipped(method: int) -> bytes:
+def _usual_zip(method: int) -> bytes:
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, 'w', method) as archive:
         for name, data in _FILES.items():
@@ -175,7 +179,7 @@ def _zipped(method: int) -> bytes:
     return stream.getvalue()
 
 
-def _misnamed(chance: Random) -> bytes:
+def _zip_of_odd_names(chance: Random) -> bytes:
     """Return a .zip with files of odd names, kinds and sizes beside the usual ones."""
     warnings.simplefilter('ignore')  # of names that are there twice
     stream = io.BytesIO()

@@ -67,7 +67,7 @@ def main() -> None:
         _wait_for_states(node)
 
         senders = _senders(node, task['mode'], task['seed'])
-        print(json.dumps(_flood(_matched(senders), task['rate'], task['seconds'])))
+        print(json.dumps(_flood(_connected_senders(senders), task['rate'], task['seconds'])))
 
 
 def _wait_for_states(node: rclpy.node.Node) -> None:
@@ -95,7 +95,7 @@ def _senders(node: rclpy.node.Node, mode: str, seed: int) -> list[_Sender]:
     return senders
 
 
-def _matched(senders: list[_Sender]) -> list[_Sender]:
+def _connected_senders(senders: list[_Sender]) -> list[_Sender]:
     """Return those with a subscriber, after a wait for the subscribers of all."""
     deadline = time.monotonic() + _MATCH_TIMEOUT
     while time.monotonic() < deadline:

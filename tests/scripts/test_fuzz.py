@@ -99,7 +99,7 @@ def test_each_fault_is_found_and_the_next_file_is_tried(
 
     monkeypatch.setattr(_trial, '_TIMEOUT', 0.5 if use is hang else 60.0)
 
-    def damaged(chance: Random) -> tuple[str, str, bytes]:
+    def damaged_file(chance: Random) -> tuple[str, str, bytes]:
         return '.mcap', f'{chance.random()}', b''
 
     first: list[Any] = []
@@ -108,7 +108,7 @@ def test_each_fault_is_found_and_the_next_file_is_tried(
         first.append(use)
         return [use if len(first) == 1 else Path.exists]
 
-    kind = SimpleNamespace(damaged=damaged, uses=uses)
+    kind = SimpleNamespace(damaged_file=damaged_file, uses=uses)
     trials = list(_trial.trials(kind, 1, range(1)))
     assert [trial.outcome for trial in trials] == [outcome]
     first.append(None)

@@ -80,16 +80,16 @@ def test_a_sourced_ros_gets_only_the_packages_that_it_lacks(
     monkeypatch.setattr(lock, 'distribution', distribution)
     lock.print_lacking(['run'])
     lines = capsys.readouterr().out
-    names = {canonicalize_name(name) for name in lock.parsed(lines)}
+    names = {canonicalize_name(name) for name in lock.parse(lines)}
     assert names >= {'markupsafe', 'rich', 'mcap', 'rosbags', 'wheel'}
     assert not names & {'setuptools', 'numpy', 'jinja2', 'mdurl', 'babel'}
     assert all(entry in text('run') for entry in lines.splitlines())
 
     # What a package of the system cannot have is not installed again and again.
-    have['markupsafe'] = (lock.pin(lock.parsed(text('run'))['markupsafe'])[2:], [])
+    have['markupsafe'] = (lock.pin(lock.parse(text('run'))['markupsafe'])[2:], [])
     have['jinja2'] = ('3.1.2', ['markupsafe<3'])
     lock.print_lacking(['run'])
-    assert 'markupsafe' not in lock.parsed(capsys.readouterr().out)
+    assert 'markupsafe' not in lock.parse(capsys.readouterr().out)
 
     have['numpy'] = ('1.25', [])
     with pytest.raises(SystemExit, match=r'is needed, but ROS is compiled for NumPy 1\.25'):
