@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rclpy.context import Context
 from rclpy.parameter import Parameter
@@ -22,13 +22,20 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-    #: Name, default, range, whether it is fixed for a run, and meaning.
-    Row = tuple[str, str, str, str, str]
 
 #: Of every ROS 2 node.
 _COMMON = {'use_sim_time', 'start_type_description_service'}
 #: On a track, a node has more parameters.
 _ON_TRACK = {SIMULATOR, CONTROLLER}
+
+
+class Row(NamedTuple):
+    """A parameter of a node, in words."""
+
+    name: str
+    default: str
+    meaning: str
+    range: str  #: and whether it is fixed for a run
 
 
 @cache
@@ -92,8 +99,7 @@ def _row(node: Node, name: str) -> Row:
         default = str(default).lower()
 
     ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
-    between = ''
+    limits = 'fixed for a run' if descriptor.read_only else 'can be set while it runs'
     if ranges:
-        between = f'{ranges[0].from_value:g} to {ranges[0].to_value:g}; '
-    fixed = 'fixed for a run' if descriptor.read_only else 'can be set while it runs'
-    return name, str(default), between, fixed, descriptor.description
+        limits = f'{ranges[0].from_value:g} to {ranges[0].to_value:g}; {limits}'
+    return Row(name, str(default), descriptor.description, limits)

@@ -143,7 +143,9 @@ def fields() -> Iterator[str]:
     for path in sorted(messages.MESSAGES.glob('*.msg')):
         about, declarations = messages.message(path.read_text(encoding='utf-8'))
         yield from (f'## {path.stem}', '', plain(about))
-        rows = ((code(name), code(kind), plain(text)) for kind, name, text in declarations)
+        rows = (
+            (code(field.name), code(field.kind), plain(field.comment)) for field in declarations
+        )
         yield from table(('field', 'type', 'meaning'), rows)
 
 
@@ -213,9 +215,10 @@ def parameters() -> Iterator[str]:
 
     for node, parameters_of_node in observed_nodes.parameters().items():
         yield from (f'## {node}', '')
-        rows = []
-        for name, default, between, fixed, text in parameters_of_node:
-            rows.append((code(name), code(default), plain(text), f'{between}{fixed}'))
+        rows = (
+            (code(row.name), code(row.default), plain(row.meaning), row.range)
+            for row in parameters_of_node
+        )
         yield from table(('parameter', 'default', 'meaning', 'range'), rows)
 
 
