@@ -20,7 +20,7 @@ from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, NamedTuple
 
-import links
+import _places
 from _command import INTERRUPTED, CommandEnd, judge
 from _trial import Trial
 
@@ -133,7 +133,7 @@ _TIMEOUT = 40.0  #: [s] until it has to have stopped
 
 def original() -> None:
     """Make what all trials begin with."""
-    links.original()
+    _places.original()
 
 
 def trials(seed: int, numbers: range) -> Iterator[Trial]:
@@ -250,7 +250,7 @@ def _disk(folder: Path, disk: str | int) -> Iterator[None]:
 
 
 def _fill(folder: Path) -> None:
-    links.copy_of_original(folder)
+    _places.copy_of_original(folder)
     os.mkfifo(folder / 'inside' / 'pipe')
 
 

@@ -19,45 +19,44 @@ from contextlib import contextmanager, nullcontext
 from functools import cache
 from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
+from _audit import note_files
 from _command import CommandEnd, judge, run
+from _places import BAG, KILLED, RUN, Place, copy_of_original, original, prepare_process
 from _trial import ESCAPE, Trial
 
 import barc_sim
 from barc_sim.cli.process import has_ros
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator
 
 _ROOT = Path(barc_sim.__file__).parents[1]
-_RUN = 'acc -q --distance 5 --realtime-factor max'
-_BAG = 'bags/run'
-_KILLED = 'bags/killed'
 #: The commands, and how often each is drawn: a slow one less.
 _COMMANDS = {
-    f'plot {_BAG}': 4,
-    f'plot {_BAG} --save out/speed.svg': 4,
+    f'plot {BAG}': 4,
+    f'plot {BAG} --save out/speed.svg': 4,
     'report': 4,
-    f'report {_BAG} -o out/report.html': 3,
-    f'graph --bag {_BAG} --save out/graph.svg': 3,
-    f'replay {_BAG} --save out/replay.gif': 1,
-    f'recover {_KILLED}': 6,
+    f'report {BAG} -o out/report.html': 3,
+    f'graph --bag {BAG} --save out/graph.svg': 3,
+    f'replay {BAG} --save out/replay.gif': 1,
+    f'recover {KILLED}': 6,
     'new new': 3,
     'check lab --rubric rubric.yaml': 2,
     'check lab --save out/check.png': 1,
     'submit lab --save out/lab.zip': 2,
-    f'submit lab --course {_BAG} --teleop {_BAG} --video film.mp4': 2,
+    f'submit lab --course {BAG} --teleop {BAG} --video film.mp4': 2,
     'grade class --out grades --jobs 1 --rubric rubric.yaml': 3,
     'tune --distance 20 --save out/map.png': 1,
     'tune --distance 20 --controller lab/controller.py --road road.csv': 1,
-    f'{_RUN} --engine local --lab lab --road road.csv --bag-dir out/bags': 6,
-    f'{_RUN} --engine local --view web --view-port {{port}}': 4,
-    f'{_RUN} --engine local --no-bag --ros-args --params-file values.yaml': 2,
+    f'{RUN} --engine local --lab lab --road road.csv --bag-dir out/bags': 6,
+    f'{RUN} --engine local --view web --view-port {{port}}': 4,
+    f'{RUN} --engine local --no-bag --ros-args --params-file values.yaml': 2,
 }
 _OF_ROS = {
-    f'{_RUN} --engine ros --lab lab --road road.csv --bag-dir out/bags': 3,
-    f'{_RUN} --engine ros --no-bag --ros-args --params-file values.yaml': 2,
+    f'{RUN} --engine ros --lab lab --road road.csv --bag-dir out/bags': 3,
+    f'{RUN} --engine ros --no-bag --ros-args --params-file values.yaml': 2,
     'topics': 1,
     'graph --save out/live.svg': 2,
     'param list': 1,
@@ -65,7 +64,7 @@ _OF_ROS = {
 #: Commands that last until Ctrl-C.
 _LASTING = {
     'teleop --engine local --view none --lab lab --bag-dir out/bags': 3,
-    f'replay {_BAG} --view-port {{port}}': 1,
+    f'replay {BAG} --view-port {{port}}': 1,
 }
 _LASTING_OF_ROS = {
     'teleop --engine ros --view web --view-port {port} --relay lab/relay.py': 3,
@@ -80,28 +79,8 @@ _FILES_OF_ROS = (
     *('DEFAULT_FASTDDS_PROFILES.xml', 'DEFAULT_FASTRTPS_PROFILES.xml'),
 )
 _DURATION = 5.0  #: [s] after which a command that lasts is asked to stop
-_OPENING = {'open', 'os.listdir', 'os.scandir', 'subprocess.Popen'}
-_CHANGING = {'mkdir', 'rename', 'remove', 'rmdir', 'link', 'symlink', 'truncate', 'chmod', 'utime'}
-#: Events of Python's audit hooks.
-_EVENTS = _OPENING | {f'os.{name}' for name in _CHANGING}
 #: What libraries keep in the user's own home, and words of a command that are no files.
 _OF_LIBRARIES = ('home/.cache', 'home/.config', 'home/.fonts', 'home/.local/share', '-', 'fc-list')
-#: The name of a new bag, so that two runs make the same.
-_DATE = '2026-01-02_03-04-05'
-_SUBMISSION = Path(__file__).parents[1] / 'submission'
-_FILES = {
-    'road.csv': 'start_m,grade_deg\n0,0\n20,10\n',
-    'values.yaml': 'vehicle_simulator:\n  ros__parameters:\n    mass: 1000.0\n',
-    'rubric.yaml': 'criteria:\n  model.x: 10\n  loop.lab_road: 10\n',
-    'film.mp4': 'a film\n',
-}
-
-
-class Place(NamedTuple):
-    """A folder to run in, and what lies outside of it."""
-
-    inside: Path
-    outside: Path
 
 
 def _link(target: str) -> Callable[[Path, Path], None]:
@@ -233,59 +212,13 @@ def _content(folder: Path) -> dict[str, object]:
 
 
 @cache
-def _original() -> Path:
-    """Return a folder with a bag, one of a killed run, a lab, a class and a road."""
-    folder = Path(tempfile.mkdtemp(prefix='fuzz_links_'))
-    _make_inside(folder / 'inside')
-    outside = folder / 'outside'
-    (outside / 'folder').mkdir(parents=True)
-    for path in (outside / 'file', outside / 'folder' / 'file'):
-        path.write_text('outside\n', encoding='ascii')
-    return folder
-
-
-def _make_inside(inside: Path) -> None:
-    for name in ('out', 'home', 'bags', 'class'):
-        (inside / name).mkdir(parents=True)
-    for name, text in _FILES.items():
-        (inside / name).write_text(text, encoding='ascii')
-    for command in ('new lab', f'{_RUN} --engine local --bag-dir new_bags'):
-        end = run(command.split(), inside, _prepare)
-        if end.code:
-            raise RuntimeError(end.text)
-
-    shutil.copytree(_SUBMISSION, inside / 'lab', dirs_exist_ok=True)
-    shutil.copytree(inside / 'lab', inside / 'class' / 'ada')
-    for name, form in (('bob', 'zip'), ('eve', 'gztar')):
-        shutil.make_archive(str(inside / 'class' / name), form, inside / 'lab')
-
-    (bag,) = (inside / 'new_bags').iterdir()
-    bag.replace(inside / _BAG)
-    (inside / 'new_bags').rmdir()
-    shutil.copytree(inside / _BAG, inside / _KILLED)
-    (file,) = (inside / _KILLED).glob('*.mcap')
-    os.truncate(file, file.stat().st_size // 2)
-
-
-def original() -> None:
-    """Make what all trials begin with."""
-    _original()
-
-
-def copy_of_original(folder: Path) -> Place:
-    """Return a copy, in `folder`, of what all trials begin with."""
-    shutil.copytree(_original(), folder, dirs_exist_ok=True)
-    return Place(folder / 'inside', folder / 'outside')
-
-
-@cache
 def _files(command: str) -> list[str]:
     """Return the files and folders that a command uses in its folder, by their paths in that.
 
     A file whose name differs from run to run, such as a temporary one, cannot be foreseen.
     """
     paths = (_noted_paths(command) & _noted_paths(command)) - {''}
-    inside = _original() / 'inside'
+    inside = original().inside
     paths |= {word for word in command.split() if (inside / word).exists()}
 
     # The processes that run a user's code note nothing: all in a folder that is used counts.
@@ -314,46 +247,8 @@ def _noted_paths(command: str) -> set[str]:
         return {path.removeprefix(root) for path in inner}
 
 
-def _prepare(notes: Path | None = None) -> None:
-    """Prepare the process of a command: its home, its names of bags, and the notes of its files."""
-    os.environ['HOME'] = str(Path.cwd() / 'home')
-    os.environ['BARC_SIM_NO_BROWSER'] = '1'
-    _fix_date()
+def _prepare(notes: Path | None) -> None:
+    """Prepare the process of a command, which notes the files that it uses in `notes`."""
+    prepare_process()
     if notes:
-        _note_files(notes)
-
-
-def _fix_date() -> None:
-    strftime = time.strftime
-
-    def strftime_of_one_day(form: str, *args: Any) -> str:  # noqa: ANN401 (of strftime)
-        if form == '%Y-%m-%d_%H-%M-%S':
-            return _DATE
-        return strftime(form, *args)
-
-    time.strftime = strftime_of_one_day
-
-
-def _note_files(notes: Path) -> None:
-    """Write the paths of all files that Python uses from now on into `notes`."""
-    file = os.open(notes, os.O_CREAT | os.O_WRONLY | os.O_APPEND)
-    here = Path.cwd()
-
-    def note(event: str, arguments: tuple[Any, ...]) -> None:
-        if event not in _EVENTS:
-            return
-        for word in _words(event, arguments):
-            if isinstance(word, (str, bytes, os.PathLike)):
-                path = os.path.join(here, os.fsdecode(word))  # noqa: PTH118 (no Path in a hook)
-                os.write(file, os.fsencode(path) + b'\0')
-
-    sys.addaudithook(note)
-
-
-def _words(event: str, arguments: tuple[Any, ...]) -> Sequence[object]:
-    """Return the arguments of an event that can be paths."""
-    if event == 'open':
-        return arguments[:1]
-    if event == 'subprocess.Popen':
-        return [word for word in arguments[1] if os.sep in word]
-    return arguments[:2]
+        note_files(notes)
