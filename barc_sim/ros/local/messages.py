@@ -17,15 +17,29 @@ from rosbags.typesys import get_types_from_msg
 from barc_sim.interfaces.definitions import store
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from rosbags.typesys.store import Typestore
 
 LACKS = 'is not part of the stand-in for ROS 2 (barc_sim/ros/local): install ROS 2 to use it'
 _EMPTY = 'structure_needs_at_least_one_member'  # of a message without fields
 #: Fields whose default is not zero; rosbags keeps none.
 _DEFAULTS: dict[tuple[str, str], Any] = {('geometry_msgs/msg/Quaternion', 'w'): 1.0}
-_NUMBERS = 'char float32 float64 int8 uint8 int16 uint16 int32 uint32 int64 uint64'
-#: The type code of each in NumPy and `array`; rclpy has lists of all other types.
-_CODES = dict(zip(_NUMBERS.split(), 'BfdbBhHiIqQ', strict=True))
+#: The type code of each number in NumPy and `array`; rclpy has lists of all other types.
+_CODES = {
+    'char': 'B',
+    'float32': 'f',
+    'float64': 'd',
+    'int8': 'b',
+    'uint8': 'B',
+    'int16': 'h',
+    'uint16': 'H',
+    'int32': 'i',
+    'uint32': 'I',
+    'int64': 'q',
+    'uint64': 'Q',
+}
+#: The defaults of types; that of whole numbers is 0.
 _ZERO = {'bool': False, 'string': '', 'byte': b'\0', 'float32': 0.0, 'float64': 0.0}
 _PARTS = ('Request', 'Response')
 _RESULT = 'bool success\nstring message'
@@ -59,16 +73,31 @@ def packages() -> list[str]:
 
 @cache
 def message_type(name: str) -> type[Any]:
-    """Return the class of a message, or a service's with its `Request` and `Response`.
+    """Return the class of a message or a service.
 
-    LookupError: there is no definition of this name.
+    Parameters
+    ----------
+    name
+        Its full name, such as `std_msgs/msg/String`.
+
+    Returns
+    -------
+    type
+        The class; that of a service has `Request` and `Response`.
+
+    Raises
+    ------
+    LookupError
+        There is no definition of this name.
     """
     package, kind, short = name.split('/')
-    if kind == 'srv' and f'{package}/{short}' in _SERVICES:
-        parts = {part: _message(f'{package}/msg/{short}_{part}') for part in _PARTS}
-        return type(short, (), {**parts, '__module__': f'{package}.srv._{short.lower()}'})
     if kind == 'msg' and name in types().fielddefs:
         return _message(name)
+    if kind == 'srv' and f'{package}/{short}' in _SERVICES:
+        members: dict[str, Any] = {'__module__': f'{package}.srv._{short.lower()}'}
+        for part in _PARTS:
+            members[part] = _message(f'{package}/msg/{short}_{part}')
+        return type(short, (), members)
     raise LookupError(f'{name} has no definition here')
 
 
@@ -105,7 +134,9 @@ class LocalMessage:
         return f'{type(self).__module__.rpartition(".")[0]}.{type(self).__name__}({values})'
 
     def __eq__(self, other: object) -> bool:
-        return type(self) is type(other) and all(
+        if type(self) is not type(other):
+            return False
+        return all(
             _plain(getattr(self, name)) == _plain(getattr(other, name)) for name in self.__slots__
         )
 
@@ -117,62 +148,104 @@ class LocalMessage:
 
 
 def _shown(value: Any) -> str:
-    return repr(_plain(value) if isinstance(value, array.array) else value)
+    """Return the text of a value in a message's: an array of numbers is shown as a list."""
+    if isinstance(value, array.array):
+        return repr(value.tolist())
+    return repr(value)
 
 
 def _plain(value: Any) -> Any:
-    return value.tolist() if hasattr(value, 'tolist') else value
+    """Return an array as a list, and any other value as it is."""
+    if hasattr(value, 'tolist'):
+        return value.tolist()
+    return value
 
 
 class _Field:
-    """Makes, checks and copies the values of one field."""
+    """Makes, checks and copies the values of one field.
 
-    def __init__(self, owner: str, name: str, kind: Nodetype, of: Any) -> None:
+    Parameters
+    ----------
+    owner
+        The name of the message's type.
+    name
+        The name of the field.
+    kind, described
+        What rosbags has of the field: whether it is one element, or many of them, and which. Many
+        are described by the kind and the description of an element, and their number: exactly as
+        many of an array, at most as many of a sequence, 0 for any.
+
+    Attributes
+    ----------
+    type
+        The class of an element.
+    """
+
+    def __init__(self, owner: str, name: str, kind: Nodetype, described: Any) -> None:
         self.name = name
         self._is_fixed = kind == Nodetype.ARRAY
         self._is_many = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
-        self._bound: int
-        (kind, of), self._bound = of if self._is_many else ((kind, of), 0)
-        self._base = of[0] if kind == Nodetype.BASE else ''  # empty: a message
-        self._code = _CODES.get(self._base, '')
-        default = _DEFAULTS.get((owner, name), _ZERO.get(self._base, 0))
-        self.type: type[Any] = type(default) if self._base else _message(of)
-        self._make_one = (lambda: default) if self._base else self.type
+        self._bound = 0
+        if self._is_many:
+            (kind, described), self._bound = described
+
+        self._base = ''  # the name of the element's type; empty: it is a message
+        self._default: Any = None
+        self.type: type[Any]
+        if kind == Nodetype.BASE:
+            self._base, _ = described
+            self._default = _DEFAULTS.get((owner, name), _ZERO.get(self._base, 0))
+            self.type = type(self._default)
+        else:
+            self.type = _message(described)
+        self._code = _CODES.get(self._base, '')  # empty: it is no number
 
     def make(self) -> Any:
         """Return the default value."""
         if not self._is_many:
-            return self._make_one()
-        return self._of([self._make_one() for _ in range(self._bound * self._is_fixed)])
+            return self._make_element()
+        count = self._bound if self._is_fixed else 0
+        return self._contain([self._make_element() for _ in range(count)])
 
-    def _of(self, items: Any) -> Any:
-        """Return items in the container that rclpy uses: an array for numbers, else a list."""
+    def _make_element(self) -> Any:
+        if self._base:
+            return self._default
+        return self.type()
+
+    def _contain(self, elements: Any) -> Any:
+        """Return elements in the container that rclpy uses: an array for numbers, else a list."""
         if not self._code:
-            return _List(items)
-        return np.array(items, self._code) if self._is_fixed else _Array(self._code, items)
+            return _List(elements)
+        if self._is_fixed:
+            return np.array(elements, self._code)
+        return _Array(self._code, elements)
 
     def copy(self, value: Any) -> Any:
         """Return a copy of `value`; AssertionError: it does not fit."""
         if not self._is_many:
-            return self._copy_one(value)
+            return self._copy_element(value)
+
         if isinstance(value, (str, dict)) or not hasattr(value, '__len__'):
             self._refuse('a set or sequence')
         if self._is_fixed and len(value) != self._bound:
             self._refuse(f'a set or sequence with length {self._bound}')
         if self._bound and len(value) > self._bound:
             self._refuse(f'a set or sequence with length <= {self._bound}')
-        if isinstance(value, array.array) and value.typecode == self._code:
-            return self._of(value)
-        return self._of([self._copy_one(each) for each in _plain(value)])
 
-    def _copy_one(self, value: Any) -> Any:
+        if isinstance(value, array.array) and value.typecode == self._code:
+            return self._contain(value)  # its numbers fit
+        return self._contain([self._copy_element(each) for each in _plain(value)])
+
+    def _copy_element(self, value: Any) -> Any:
         if not isinstance(value, self.type) or (self._base == 'byte' and len(value) != 1):
             self._refuse(f"of type '{self.type.__name__}'")
+        if not self._base:
+            return value.__copy__()
         if self._base == 'float32':
             return float(np.float32(value))
         if self._base == 'byte':
             return _Byte(value)
-        return self.type(value) if self._base else value.__copy__()
+        return self.type(value)
 
     def _refuse(self, expected: str) -> NoReturn:
         raise AssertionError(f'The {self.name!r} field must be {expected}')
@@ -182,10 +255,11 @@ class _Field:
         """The expression for a copy of `v`; it is quick if `v` has exactly the field's type."""
         if self._is_many or self._base in ('byte', 'float32'):
             return f'copy_{self.name}(v)'
-        copied = 'v' if self._base else 'v.__copy__()'
+        copied = 'v' if self._base else 'v.__copy__()'  # a number or text cannot change
         return f'{copied} if v.__class__ is type_{self.name} else copy_{self.name}(v)'
 
 
+#: The class of a message, compiled from text: a copy calls no function for a field that fits.
 _CLASS = """
 class {short}(LocalMessage):
     __slots__ = ({slots})
@@ -197,6 +271,7 @@ class {short}(LocalMessage):
         message = new({short}){copy}
         return message
 """
+_LINE = '\n        '
 
 
 @cache
@@ -204,31 +279,39 @@ def _message(name: str) -> type[Any]:
     """Make the class of a message."""
     package, _, short = name.split('/')
     constants, described = types().fielddefs[name]
-    fields = {each: _Field(name, each, *of) for each, of in described if each != _EMPTY}
-    scope: dict[str, Any] = {'LocalMessage': LocalMessage, 'new': object.__new__}
-    for each, field in fields.items():
-        scope |= {
-            f'type_{each}': field.type,
-            f'copy_{each}': field.copy,
-            f'make_{each}': field.make,
-        }
+    fields = {}
+    for field_name, kind_and_description in described:
+        if field_name != _EMPTY:
+            fields[field_name] = _Field(name, field_name, *kind_and_description)
 
-    def lines(form: str) -> str:
-        return ''.join(f'\n        {form.format(n=each, f=fields[each])}' for each in fields)
-
-    source = _CLASS.format(
-        short=short,
-        slots=''.join(f'"{each}", ' for each in fields),
-        arguments=', *, ' + ', '.join(f'{each}=None' for each in fields) if fields else '',
-        init=lines('self.{n} = make_{n}() if {n} is None else {n}'),
-        copy=lines('v = self.{n}; message.{n} = {f.quick_copy}'),
-    )
-    exec(source, scope)  # noqa: S102 (from the definitions)
-    cls: type[Any] = scope[short]
-    cls.__module__ = f'{package}.{"srv" if short.endswith(_PARTS) else "msg"}._{short.lower()}'
+    cls: type[Any] = _compiled_class(short, fields)
+    part = 'srv' if short.endswith(_PARTS) else 'msg'
+    cls.__module__ = f'{package}.{part}._{short.lower()}'
     cls.__msgtype__ = name
     if not fields:
         setattr(cls, _EMPTY, 0)  # rosbags serializes it
     for constant, kind, value in constants:
         setattr(cls, constant, bytes([int(value)]) if kind == 'byte' else value)
     return cls
+
+
+def _compiled_class(short: str, fields: Mapping[str, _Field]) -> Any:
+    """Return a class of this name, whose constructor and copy know the fields."""
+    scope: dict[str, Any] = {'LocalMessage': LocalMessage, 'new': object.__new__}
+    slots = ''
+    init = ''
+    copy = ''
+    for name, field in fields.items():
+        scope[f'type_{name}'] = field.type
+        scope[f'copy_{name}'] = field.copy
+        scope[f'make_{name}'] = field.make
+        slots += f'"{name}", '
+        init += f'{_LINE}self.{name} = make_{name}() if {name} is None else {name}'
+        copy += f'{_LINE}v = self.{name}{_LINE}message.{name} = {field.quick_copy}'
+
+    arguments = ''
+    if fields:
+        arguments = ', *, ' + ', '.join(f'{name}=None' for name in fields)
+    source = _CLASS.format(short=short, slots=slots, arguments=arguments, init=init, copy=copy)
+    exec(source, scope)  # noqa: S102 (from the definitions)
+    return scope[short]
