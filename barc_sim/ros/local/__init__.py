@@ -84,9 +84,22 @@ def _modules() -> dict[str, ModuleType]:
 
 
 def find_module(name: str) -> ModuleType | None:
-    """Return the stand-in for the module `name` of ROS; None: it is no module of ROS.
+    """Return the stand-in for a module of ROS.
 
-    ImportError: it is a module of rclpy that has no stand-in.
+    Parameters
+    ----------
+    name
+        The full name of the module, such as `std_msgs.msg`.
+
+    Returns
+    -------
+    ModuleType or None
+        The stand-in; None: it is no module of ROS.
+
+    Raises
+    ------
+    ImportError
+        It is a module of rclpy that has no stand-in.
     """
     if name not in _modules() and name.startswith('rclpy.'):
         raise ImportError(f'{name} {LACKS}', name=name)
@@ -103,9 +116,17 @@ _FINDER: Any = SimpleNamespace(find_spec=_find_spec)
 
 
 def install() -> World:
-    """Make `import rclpy` find the stand-ins; return the world of their nodes.
+    """Make `import rclpy` find the stand-ins, in this process.
 
-    UserError: this process has imported ROS's own rclpy.
+    Returns
+    -------
+    World
+        The world of their nodes.
+
+    Raises
+    ------
+    UserError
+        This process has imported ROS's own rclpy.
     """
     imported = sys.modules.get('rclpy')
     if imported is not None and not isinstance(imported, _StandIn):

@@ -14,7 +14,13 @@ ClockType = IntEnum('ClockType', 'ROS_TIME SYSTEM_TIME STEADY_TIME')
 
 @total_ordering
 class Duration:
-    """A span of time [ns]; the subclass `Time` is the span from the start of its clock."""
+    """A span of time [ns]; the subclass `Time` is the span from the start of its clock.
+
+    Parameters
+    ----------
+    seconds, nanoseconds
+        The two parts of the span, [s] and [ns].
+    """
 
     clock_type: Any = None
 
@@ -39,12 +45,23 @@ class Duration:
         return f'{type(self).__name__}(nanoseconds={self.nanoseconds}{clock})'
 
     def to_msg(self) -> Any:
+        """Return a message, of the type with the name of this class."""
         sec, nanosec = divmod(self.nanoseconds, SECOND)
         name = f'builtin_interfaces/msg/{type(self).__name__}'
         return message_type(name)(sec=sec, nanosec=nanosec)
 
 
 class Time(Duration):
+    """A point in time.
+
+    Parameters
+    ----------
+    seconds, nanoseconds
+        Its distance from the start of the clock, [s] and [ns].
+    clock_type
+        The clock; times of different clocks cannot be compared.
+    """
+
     def __init__(
         self, *, seconds: float = 0, nanoseconds: int = 0, clock_type: Any = ClockType.SYSTEM_TIME
     ) -> None:
@@ -61,15 +78,27 @@ class Time(Duration):
 
     @classmethod
     def from_msg(cls, msg: Any, clock_type: Any = ClockType.ROS_TIME) -> Time:
+        """Return the point in time of a message, on a clock."""
         return cls(seconds=msg.sec, nanoseconds=msg.nanosec, clock_type=clock_type)
 
 
 class Clock:
+    """A clock.
+
+    Parameters
+    ----------
+    clock_type
+        A steady clock has the time that paces timers, any other one the date. In simulated time,
+        both are the same.
+    """
+
     def __init__(self, *, clock_type: Any = ClockType.SYSTEM_TIME) -> None:
         self.clock_type = clock_type
         self._world = current()
 
     def now(self) -> Time:
-        steady = self.clock_type == ClockType.STEADY_TIME
-        ns = self._world.now() if steady else self._world.date()
-        return Time(nanoseconds=ns, clock_type=self.clock_type)
+        """Return the present time."""
+        nanoseconds = self._world.date()
+        if self.clock_type == ClockType.STEADY_TIME:
+            nanoseconds = self._world.now()
+        return Time(nanoseconds=nanoseconds, clock_type=self.clock_type)

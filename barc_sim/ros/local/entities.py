@@ -14,7 +14,21 @@ if TYPE_CHECKING:
 
 
 class Entity:
-    """An entity of a node as the graph describes it, with a queue of its arrivals."""
+    """An entity of a node as the graph describes it, with a queue of its arrivals.
+
+    Parameters
+    ----------
+    node
+        The node whose entity it is.
+    name
+        The full name of its topic or service.
+    kind
+        The class of its messages, or of its service.
+    qos
+        The length of its queue, and whether it is latched.
+    callback
+        Called with each arrival.
+    """
 
     def __init__(
         self, node: Any, name: str, kind: Any, qos: QoSProfile, callback: Any = None
@@ -49,10 +63,34 @@ class Entity:
 
 
 class Publisher(Entity):
+    """Publishes messages on a topic.
+
+    Attributes
+    ----------
+    subscriptions
+        Those that get its messages.
+    number
+        Of the latest message; the first one has 1.
+    """
+
     subscriptions: tuple[Subscription, ...] = ()
     number = 0
 
     def publish(self, msg: Any) -> None:
+        """Publish a copy of a message, in this thread.
+
+        Parameters
+        ----------
+        msg
+            The message; it can be changed and published again.
+
+        Raises
+        ------
+        TypeError
+            It is of another type.
+        AssertionError
+            A field has a value that does not fit.
+        """
         if not isinstance(msg, self.kind):
             raise TypeError(f'Expected {self.kind}, got {type(msg)}')
         self.number += 1
@@ -63,9 +101,11 @@ class Publisher(Entity):
             subscription.offer(copy, self.number)
 
     def get_subscription_count(self) -> int:
+        """Return the number of subscriptions."""
         return len(self.subscriptions)
 
     def wait_for_all_acked(self, _: Any = None) -> bool:
+        """Return True: each subscription has each message already."""
         return True
 
     def match(self) -> None:
@@ -79,11 +119,32 @@ class Publisher(Entity):
 
 
 class Subscription(Entity):
-    raw = False
+    """Receives the messages of a topic."""
+
+    raw = False  #: whether it receives them serialized
 
 
 class Client(Entity):
+    """Sends requests to a service."""
+
     def call_async(self, request: Any) -> Future:
+        """Send a request.
+
+        Parameters
+        ----------
+        request
+            The request; it can be changed and sent again.
+
+        Returns
+        -------
+        Future
+            It has the response once an executor has called the service and the client.
+
+        Raises
+        ------
+        TypeError
+            The request is of another type.
+        """
         if not isinstance(request, self.kind.Request):
             raise TypeError(f'Expected {self.kind.Request}, got {type(request)}')
         future = Future()
@@ -92,9 +153,22 @@ class Client(Entity):
         return future
 
     def service_is_ready(self) -> bool:
+        """Return whether a node has the service."""
         return bool(self.node.context.all('services', self.topic_name))
 
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
+        """Wait until a node has the service.
+
+        Parameters
+        ----------
+        timeout_sec
+            The longest time [s]; by default there is no limit.
+
+        Returns
+        -------
+        bool
+            Whether it has.
+        """
         world = self.node.context
         end = inf if timeout_sec is None else world.now() + timeout_sec * SECOND
         while not self.service_is_ready() and world.now() < end and world.is_ok:
@@ -109,5 +183,8 @@ def complete_request(arrival: tuple[Future, Any]) -> None:
 
 
 class GuardCondition(Entity):
+    """Calls a callback when it is triggered."""
+
     def trigger(self) -> None:
+        """Call the callback soon; any thread may call this."""
         self.offer(None)

@@ -34,7 +34,17 @@ def not_async(callback: Any) -> Any:
 
 
 class Timer:
-    """A timer of wall-clock or simulated time; when late, it skips the periods that have passed."""
+    """A timer of wall-clock or simulated time; when late, it skips the periods that have passed.
+
+    Parameters
+    ----------
+    node
+        The node whose timer it is.
+    period
+        From one call to the next [ns].
+    callback
+        Called without arguments.
+    """
 
     queue = None  #: a timer receives no messages
 
@@ -65,18 +75,23 @@ class Timer:
         self.callback()
 
     def reset(self) -> None:
+        """Begin a period now."""
         self._set(self._now() + self.timer_period_ns)
 
     def cancel(self) -> None:
+        """Call the callback no more, until `reset`."""
         self.due = inf
 
     destroy = cancel
 
     def is_canceled(self) -> bool:
+        """Return whether it is cancelled."""
         return self.due == inf
 
 
 class Future:
+    """The result of a task, such as the response to a request, which is there later."""
+
     _result: Any = None
     is_done = False
 
@@ -84,18 +99,22 @@ class Future:
         self._callbacks: list[Callable[[Future], object]] = []
 
     def done(self) -> bool:
+        """Return whether there is a result."""
         return self.is_done
 
     def result(self) -> Any:
+        """Return the result; None: there is none yet."""
         return self._result
 
     def set_result(self, result: Any) -> None:
+        """Set the result, and call the callbacks in this thread."""
         self._result = result
         self.is_done = True
         while self._callbacks:
             self._callbacks.pop(0)(self)
 
     def add_done_callback(self, callback: Callable[[Future], object]) -> None:
+        """Call a callback with this future once there is a result; at once if there is one."""
         if self.is_done:
             callback(self)
         else:
@@ -103,7 +122,20 @@ class Future:
 
 
 class Executor:
-    """Calls callbacks in one thread, in the order of arrival."""
+    """Calls callbacks in one thread, in the order of arrival.
+
+    Parameters
+    ----------
+    num_threads
+        As in rclpy, but without effect.
+
+    Attributes
+    ----------
+    ready
+        The entities with an arrival and the timers that are due, one for each call.
+    waits
+        Whether the thread that spins waits for `awake`, which another thread can set.
+    """
 
     def __init__(self, num_threads: int | None = None) -> None:
         del num_threads
@@ -122,6 +154,18 @@ class Executor:
         self.shutdown()
 
     def add_node(self, node: Any) -> bool:
+        """Take a node from its present executor.
+
+        Parameters
+        ----------
+        node
+            The node.
+
+        Returns
+        -------
+        bool
+            False if it is in this executor already.
+        """
         if node in self._nodes:
             return False
         if node.executor is not None:
@@ -133,6 +177,7 @@ class Executor:
         return True
 
     def remove_node(self, node: Any) -> None:
+        """Remove a node; nothing happens if it is not in this executor."""
         if node in self._nodes:
             self._nodes.remove(node)
             self.ready = deque(receiver for receiver in self.ready if receiver.node is not node)
@@ -152,7 +197,10 @@ class Executor:
         return self._soonest
 
     def _timers(self) -> list[Timer]:
-        return [timer for node in self._nodes for timer in node.timers]
+        timers: list[Timer] = []
+        for node in self._nodes:
+            timers += node.timers
+        return timers
 
     def run_once(self, until: float) -> bool:
         """Call one callback that is ready; otherwise wait for one, at most until `until` [ns]."""
@@ -183,27 +231,62 @@ class Executor:
         self.awake.set()
 
     def _wait(self, until: float) -> None:
+        """Wait for an arrival, at most until `until` [ns]."""
         if self.world.simulated:
             self.world.pass_time(until)
-        else:
-            left = (until - time.monotonic_ns()) / SECOND
-            self.awake.wait(min(max(left, 0.0), _LONGEST_SLEEP))
-            self.awake.clear()
+            return
+        left = (until - time.monotonic_ns()) / SECOND
+        self.awake.wait(min(max(left, 0.0), _LONGEST_SLEEP))
+        self.awake.clear()
 
     def spin(self) -> None:
+        """Call callbacks until `shutdown`.
+
+        Raises
+        ------
+        ExternalShutdownException
+            rclpy was shut down meanwhile.
+        """
         self._spin(Future(), None)
 
     def spin_until_future_complete(self, future: Future, timeout_sec: float | None = None) -> None:
+        """Call callbacks until a future has its result.
+
+        Parameters
+        ----------
+        future
+            The future.
+        timeout_sec
+            The longest time [s]; by default there is no limit.
+
+        Raises
+        ------
+        ExternalShutdownException
+            rclpy was shut down meanwhile.
+        """
         future.add_done_callback(self._wake)
         self._spin(future, timeout_sec)
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
+        """Call one callback.
+
+        Parameters
+        ----------
+        timeout_sec
+            The longest time [s] to wait for it; by default there is no limit.
+
+        Raises
+        ------
+        ExternalShutdownException
+            rclpy was shut down meanwhile.
+        """
         self._spin(Future(), timeout_sec, once=True)
 
     def _spin(self, future: Future, timeout: float | None, *, once: bool = False) -> None:
         until = inf
         if timeout is not None and timeout >= 0:
             until = self.world.now() + int(timeout * SECOND)
+
         while self.world.is_ok and not self._is_shutdown and not future.is_done:
             has_called = self.run_once(until)
             if has_called and once:
@@ -212,6 +295,7 @@ class Executor:
                 return
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
+        """End the spin, and release the nodes; return True."""
         del timeout_sec
         self._is_shutdown = True
         for node in [*self._nodes]:

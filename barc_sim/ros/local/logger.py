@@ -15,7 +15,20 @@ LoggingSeverity = IntEnum(
 
 
 class Logger:
-    """Writes to stderr and, for a node, to `/rosout`."""
+    """Writes to stderr and, for a node, to `/rosout`.
+
+    The methods that log take `once`, and `throttle_duration_sec` [s]: a line of code logs once, or
+    at most once in this time.
+
+    Parameters
+    ----------
+    name
+        Its name, such as that of a node.
+    world
+        The world of the node.
+    rosout
+        The publisher of `/rosout`; None: there is none.
+    """
 
     def __init__(self, name: str, world: World, rosout: Any = None) -> None:
         self.name = name
@@ -24,9 +37,11 @@ class Logger:
         self._last: dict[tuple[Any, int], float] = {}  # [s] of the last log, by line of code
 
     def set_level(self, level: int) -> None:
+        """Log messages of this level, and above, from now on."""
         self._world.log_levels[self.name] = level
 
     def get_effective_level(self) -> LoggingSeverity:
+        """Return the level of this logger, or else of the one above it that has one."""
         name = self.name
         levels = self._world.log_levels
         while name and not levels.get(name):
@@ -68,23 +83,30 @@ class Logger:
         return True
 
     def debug(self, message: str, **options: Any) -> bool:
+        """Log a message of the level DEBUG; return whether it was logged."""
         return self._log(LoggingSeverity.DEBUG, message, **options)
 
     def info(self, message: str, **options: Any) -> bool:
+        """Log a message of the level INFO; return whether it was logged."""
         return self._log(LoggingSeverity.INFO, message, **options)
 
     def warning(self, message: str, **options: Any) -> bool:
+        """Log a message of the level WARN; return whether it was logged."""
         return self._log(LoggingSeverity.WARN, message, **options)
 
     def warn(self, message: str, **options: Any) -> bool:
+        """Do the same as `warning`."""
         return self._log(LoggingSeverity.WARN, message, **options)
 
     def error(self, message: str, **options: Any) -> bool:
+        """Log a message of the level ERROR; return whether it was logged."""
         return self._log(LoggingSeverity.ERROR, message, **options)
 
     def fatal(self, message: str, **options: Any) -> bool:
+        """Log a message of the level FATAL; return whether it was logged."""
         return self._log(LoggingSeverity.FATAL, message, **options)
 
 
 def get_logger(name: str) -> Logger:
+    """Return a logger without a node."""
     return Logger(name, current())

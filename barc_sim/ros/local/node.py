@@ -31,7 +31,7 @@ _KINDS = ('publishers', 'subscriptions', 'services', 'clients', 'timers', 'guard
 
 
 class NotInitializedException(Exception):
-    pass
+    """rclpy is not initialised."""
 
 
 class InvalidTopicNameException(Exception):
@@ -48,6 +48,34 @@ def _checked(name: str) -> str:
 
 
 class Node(NodeParameters):
+    """A node.
+
+    Parameters
+    ----------
+    node_name, namespace
+        Its name, which a remapping can replace.
+    enable_rosout
+        Whether its log is published on `/rosout`.
+    start_parameter_services
+        Whether it has the service `~/set_parameters`.
+    parameter_overrides
+        Values that replace those of the command line, and the defaults.
+
+    Attributes
+    ----------
+    executor
+        The one that calls its callbacks; None: none does.
+
+    Raises
+    ------
+    NotInitializedException
+        rclpy is not initialised.
+    InvalidTopicNameException
+        ROS does not allow the name.
+    UserError
+        The parameter `use_sim_time` is true.
+    """
+
     executor: Executor | None = None
 
     def __init__(
@@ -101,18 +129,23 @@ class Node(NodeParameters):
         raise AttributeError(f'{type(self).__name__!r} object has no attribute {name!r}{lacks}')
 
     def get_name(self) -> str:
+        """Return the name, without the namespace."""
         return self._name
 
     def get_namespace(self) -> str:
+        """Return the namespace, which begins with a slash."""
         return self._namespace
 
     def get_fully_qualified_name(self) -> str:
+        """Return namespace and name."""
         return f'{self._namespace.rstrip("/")}/{self._name}'
 
     def get_clock(self) -> Clock:
+        """Return the clock of the node."""
         return self._clock
 
     def get_logger(self) -> Logger:
+        """Return the logger of the node."""
         return self._logger
 
     def waiting(self) -> Iterator[Entity]:
@@ -138,11 +171,28 @@ class Node(NodeParameters):
     def create_publisher(
         self, msg_type: Any, topic: str, qos_profile: Any, *, callback_group: Any = None
     ) -> Publisher:
+        """Create a publisher.
+
+        Parameters
+        ----------
+        msg_type, topic
+            The class of the messages, and the name of the topic.
+        qos_profile
+            A `QoSProfile`, or the depth of one.
+        callback_group
+            As in rclpy, but without effect.
+
+        Returns
+        -------
+        Publisher
+            The publisher.
+        """
         del callback_group
         name = self.resolve_topic_name(topic)
-        self.publishers.append(Publisher(self, name, msg_type, as_profile(qos_profile)))
-        self.publishers[-1].match()
-        return self.publishers[-1]
+        publisher = Publisher(self, name, msg_type, as_profile(qos_profile))
+        self.publishers.append(publisher)
+        publisher.match()
+        return publisher
 
     def create_subscription(
         self,
@@ -154,6 +204,26 @@ class Node(NodeParameters):
         callback_group: Any = None,
         raw: bool = False,
     ) -> Subscription:
+        """Create a subscription.
+
+        Parameters
+        ----------
+        msg_type, topic
+            The class of the messages, and the name of the topic.
+        callback
+            Called with each message.
+        qos_profile
+            A `QoSProfile`, or the depth of one.
+        callback_group
+            As in rclpy, but without effect.
+        raw
+            Whether the callback gets the messages serialized.
+
+        Returns
+        -------
+        Subscription
+            The subscription.
+        """
         del callback_group
         name = self.resolve_topic_name(topic)
         qos = as_profile(qos_profile)
@@ -172,6 +242,22 @@ class Node(NodeParameters):
         return new
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Any, **_: Any) -> Entity:
+        """Create a service.
+
+        Parameters
+        ----------
+        srv_type, srv_name
+            The class of the service, and its name.
+        callback
+            Called with a request and an empty response; returns the response.
+        **_
+            As in rclpy, but without effect.
+
+        Returns
+        -------
+        Entity
+            The service.
+        """
         name = self.resolve_service_name(srv_name)
         qos = qos_profile_system_default
         answer = not_async(callback)
@@ -180,14 +266,30 @@ class Node(NodeParameters):
             request, client, future = arrival
             client.offer((future, answer(request, srv_type.Response()).__copy__()))
 
-        self.services.append(Entity(self, name, srv_type, qos, on_request))
-        return self.services[-1]
+        service = Entity(self, name, srv_type, qos, on_request)
+        self.services.append(service)
+        return service
 
     def create_client(self, srv_type: Any, srv_name: str, **_: Any) -> Client:
+        """Create a client of a service.
+
+        Parameters
+        ----------
+        srv_type, srv_name
+            The class of the service, and its name.
+        **_
+            As in rclpy, but without effect.
+
+        Returns
+        -------
+        Client
+            The client.
+        """
         name = self.resolve_service_name(srv_name)
         qos = qos_profile_system_default
-        self.clients.append(Client(self, name, srv_type, qos, complete_request))
-        return self.clients[-1]
+        client = Client(self, name, srv_type, qos, complete_request)
+        self.clients.append(client)
+        return client
 
     def create_timer(
         self,
@@ -197,7 +299,25 @@ class Node(NodeParameters):
         clock: Clock | None = None,
         autostart: bool = True,
     ) -> Timer:
-        del callback_group, clock  # the world has one clock, real or simulated
+        """Create a timer.
+
+        Parameters
+        ----------
+        timer_period_sec
+            The time [s] from one call to the next.
+        callback
+            Called without arguments.
+        callback_group, clock
+            As in rclpy, but without effect: the world has one clock, real or simulated.
+        autostart
+            Whether it runs from now on.
+
+        Returns
+        -------
+        Timer
+            The timer.
+        """
+        del callback_group, clock
         timer = Timer(self, int(float(timer_period_sec) * SECOND), callback)
         self.timers.append(timer)
         if autostart:
@@ -205,14 +325,29 @@ class Node(NodeParameters):
         return timer
 
     def create_guard_condition(self, callback: Any, callback_group: Any = None) -> GuardCondition:
+        """Create a guard condition.
+
+        Parameters
+        ----------
+        callback
+            Called after each trigger, once for several that come before.
+        callback_group
+            As in rclpy, but without effect.
+
+        Returns
+        -------
+        GuardCondition
+            The guard condition.
+        """
         del callback_group
         newest = QoSProfile(depth=1)
 
         def on_trigger(_: None) -> None:
             callback()
 
-        self.guards.append(GuardCondition(self, '', GuardCondition, newest, on_trigger))
-        return self.guards[-1]
+        guard = GuardCondition(self, '', GuardCondition, newest, on_trigger)
+        self.guards.append(guard)
+        return guard
 
     def _destroy(self, kind: str, entity: Any) -> bool:
         entities = getattr(self, kind)
@@ -226,24 +361,31 @@ class Node(NodeParameters):
         return True
 
     def destroy_publisher(self, publisher: Publisher) -> bool:
+        """Destroy a publisher; return False if the node has it no more."""
         return self._destroy('publishers', publisher)
 
     def destroy_subscription(self, subscription: Subscription) -> bool:
+        """Destroy a subscription; return False if the node has it no more."""
         return self._destroy('subscriptions', subscription)
 
     def destroy_service(self, service: Entity) -> bool:
+        """Destroy a service; return False if the node has it no more."""
         return self._destroy('services', service)
 
     def destroy_client(self, client: Client) -> bool:
+        """Destroy a client; return False if the node has it no more."""
         return self._destroy('clients', client)
 
     def destroy_timer(self, timer: Timer) -> bool:
+        """Destroy a timer; return False if the node has it no more."""
         return self._destroy('timers', timer)
 
     def destroy_guard_condition(self, guard: GuardCondition) -> bool:
+        """Destroy a guard condition; return False if the node has it no more."""
         return self._destroy('guards', guard)
 
     def destroy_node(self) -> None:
+        """Destroy all that the node has, and take it from the graph and its executor."""
         nodes = self.context.nodes
         if self in nodes:
             for kind in _KINDS:
@@ -254,22 +396,49 @@ class Node(NodeParameters):
                 self.executor.remove_node(self)
 
     def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
+        """Return name and namespace of each node."""
         return [(each.get_name(), each.get_namespace()) for each in self.context.nodes]
 
     def get_node_names(self) -> list[str]:
+        """Return the name of each node, without its namespace."""
         return [name for name, _ in self.get_node_names_and_namespaces()]
 
     def get_topic_names_and_types(self) -> list[tuple[str, list[str]]]:
+        """Return the full name of each topic, and the names of its types."""
         return _names_and_types(self.context.nodes, 'publishers', 'subscriptions')
 
     def get_publisher_names_and_types_by_node(
         self, node_name: str, node_namespace: str
     ) -> list[tuple[str, list[str]]]:
+        """Return the topics of the publishers of a node.
+
+        Parameters
+        ----------
+        node_name, node_namespace
+            The node.
+
+        Returns
+        -------
+        list of tuple
+            The full name of each topic, and the names of its types.
+        """
         return _names_and_types(self._nodes_called(node_name, node_namespace), 'publishers')
 
     def get_subscriber_names_and_types_by_node(
         self, node_name: str, node_namespace: str
     ) -> list[tuple[str, list[str]]]:
+        """Return the topics of the subscriptions of a node.
+
+        Parameters
+        ----------
+        node_name, node_namespace
+            The node.
+
+        Returns
+        -------
+        list of tuple
+            The full name of each topic, and the names of its types.
+        """
         return _names_and_types(self._nodes_called(node_name, node_namespace), 'subscriptions')
 
     def _nodes_called(self, name: str, namespace: str) -> list[Node]:
@@ -280,18 +449,45 @@ class Node(NodeParameters):
         ]
 
     def count_publishers(self, topic_name: str) -> int:
+        """Return the number of publishers of a topic."""
         return len(self.context.all('publishers', self._expanded(topic_name)))
 
     def count_subscribers(self, topic_name: str) -> int:
+        """Return the number of subscriptions to a topic."""
         return len(self.context.all('subscriptions', self._expanded(topic_name)))
 
     def count_services(self, service_name: str) -> int:
+        """Return the number of nodes that have a service."""
         return len(self.context.all('services', self._expanded(service_name)))
 
     def get_publishers_info_by_topic(self, topic_name: str) -> list[Any]:
+        """Return the publishers with a name.
+
+        Parameters
+        ----------
+        topic_name
+            The topic, relative to the node or in full.
+
+        Returns
+        -------
+        list of Entity
+            The publishers, of all nodes.
+        """
         return self.context.all('publishers', self.resolve_topic_name(topic_name))
 
     def get_subscriptions_info_by_topic(self, topic_name: str) -> list[Any]:
+        """Return the subscriptions with a name.
+
+        Parameters
+        ----------
+        topic_name
+            The topic, relative to the node or in full.
+
+        Returns
+        -------
+        list of Entity
+            The subscriptions, of all nodes.
+        """
         return self.context.all('subscriptions', self.resolve_topic_name(topic_name))
 
 

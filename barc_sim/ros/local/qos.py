@@ -17,7 +17,24 @@ DurabilityPolicy = IntEnum(
 
 @dataclass(kw_only=True)
 class QoSProfile:
-    """The length of a queue, and whether a publisher keeps messages; delivery is reliable."""
+    """The length of a queue, and whether a publisher keeps messages; delivery is reliable.
+
+    Parameters
+    ----------
+    depth
+        The length of the queue, at least 1, unless the history keeps all messages.
+    history, durability
+        As in rclpy.
+    reliability
+        As in rclpy, but without effect.
+
+    Attributes
+    ----------
+    length
+        Of the queue; None: it has no limit.
+    is_latched
+        Whether a publisher keeps its messages for later subscriptions.
+    """
 
     depth: int = 0
     history: Any = HistoryPolicy.KEEP_LAST

@@ -38,8 +38,21 @@ class EndOfTimeError(BaseException):
 class World:
     """What the nodes of a program share: the time, the graph, and rclpy's context.
 
-    `now` returns the time [ns] that paces timers. `date` returns the time [ns] since the epoch, or
-    since the start of simulated time.
+    Parameters
+    ----------
+    simulated
+        Whether time is simulated; otherwise it is that of the wall clock.
+
+    Attributes
+    ----------
+    now
+        Returns the time [ns] that paces timers.
+    date
+        Returns the time [ns] since the epoch, or since the start of simulated time.
+    nodes
+        All nodes.
+    log_levels
+        By the name of the logger.
     """
 
     end = inf  #: of simulated time [ns]
@@ -62,10 +75,24 @@ class World:
         return self.now_ns
 
     def ok(self) -> bool:
+        """Return whether rclpy is initialised, and not shut down."""
         return self.is_ok
 
     def all(self, kind: str, name: str) -> list[Any]:
-        """Return all nodes' entities of a kind, such as `publishers`, with this full name."""
+        """Return the entities of all nodes with a name.
+
+        Parameters
+        ----------
+        kind
+            The name of a node's list of entities, such as `publishers`.
+        name
+            The full name of their topic or service.
+
+        Returns
+        -------
+        list
+            The entities.
+        """
         entities = (each for node in self.nodes for each in getattr(node, kind))
         return [each for each in entities if each.topic_name == name]
 
@@ -108,7 +135,18 @@ current = _current.get
 
 @contextmanager
 def world(other: World) -> Iterator[World]:
-    """Run the block in another world, in this thread."""
+    """Run the block in another world, in this thread.
+
+    Parameters
+    ----------
+    other
+        The world.
+
+    Yields
+    ------
+    World
+        The same.
+    """
     token = _current.set(other)
     try:
         yield other
