@@ -23,8 +23,9 @@ file                    what it does
 `pages/`                the templates of the HTML pages: of a grade, of a class, and of a run
 ======================  ======================================================================
 
-Apart from these, `submit.py` packs what a student hands in, and `run_report.py` writes the page of
-`barc report`, about a run. `commands/lab.py` has the commands `new`, `report` and `submit`.
+Apart from these, `submit.py` packs what a student hands in, `own_estimate.py` is what `identify.py`
+of Lab 5 calls, and `run_report.py` writes the page of `barc report`, about a run.
+`commands/lab.py` has the commands `new`, `report` and `submit`.
 
 Words that could mean several things, and what they mean in this room:
 

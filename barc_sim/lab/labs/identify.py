@@ -16,6 +16,7 @@ from barc_sim.interfaces.records import Command
 from barc_sim.lab import files
 from barc_sim.lab.judge import Evidence, Finding, Functions, JudgedPart, Lab, share
 from barc_sim.lab.law import read_law
+from barc_sim.lab.own_estimate import UNITS
 from barc_sim.lab.user_code.adapters import COMMANDS
 from barc_sim.tuning.identification import covariance
 from barc_sim.vehicle.bike_model import Vehicle
@@ -77,7 +78,6 @@ _BY_CHANCE = (
     'command gives another value when it is called again with the same t: does it use random '
     'numbers, or count its calls? Its first values are judged'
 )
-_UNITS = {'drag': '1/m', 'friction': 'm/s²', 'delay': 's'}
 _STEP = {'drag': 1e-6, 'friction': 1e-4, 'delay': 1e-3}  #: of the finite differences
 #: Smallest interval that a drive allows: full marks up to the first, none from the second on.
 _INFORMATION = {'drag': (8e-6, 3e-5), 'friction': (1e-3, 5e-3), 'delay': (1e-3, 4e-3)}
@@ -178,7 +178,7 @@ def evidence_of(car: UnknownCar, commands: Sequence[float], estimate: Sequence[f
     """
     smallest = car.intervals(commands)
     rows = []
-    for k, (name, unit) in enumerate(_UNITS.items()):
+    for k, (name, unit) in enumerate(UNITS.items()):
         true_value = getattr(car, name)
         value = estimate[2 * k]
         interval = estimate[2 * k + 1]
@@ -273,7 +273,7 @@ def _judge_information(car: UnknownCar, commands: Sequence[float]) -> Iterator[F
     smallest = car.intervals(np.clip(commands, -_MAX_COMMAND, _MAX_COMMAND).tolist())
     for (name, limits), best in zip(_INFORMATION.items(), smallest.tolist(), strict=True):
         full, zero = limits
-        interval = f'is ± {best:.2g} {_UNITS[name]}' if best < inf else 'is infinite'
+        interval = f'is ± {best:.2g} {UNITS[name]}' if best < inf else 'is infinite'
         text = f'the best possible interval of the {name} {interval} (full marks up to ± {full:g})'
         yield Finding(f'commands.{name}', share(best, full, zero), text)
 

@@ -36,12 +36,9 @@ def estimate(t, v, a):
     raise NotImplementedError
 
 
-if __name__ == '__main__':  # after a drive: python identify.py BAG...; the last one is used
+if __name__ == '__main__':  # after a drive: python identify.py bags/*; your last one is used
     import sys
 
-    from barc_sim import read_bag
+    from barc_sim.lab.own_estimate import print_estimate
 
-    if len(sys.argv) == 1:
-        sys.exit('there is no bag to estimate from: python identify.py bags/*')
-    log = read_bag(sys.argv[-1])
-    print(estimate(log.t.tolist(), log.v_x.tolist(), log.motor.tolist()))
+    print_estimate(estimate, sys.argv[1:])

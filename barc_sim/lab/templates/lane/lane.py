@@ -67,7 +67,7 @@ class Lane:
 
         e_y        [m]    distance to the left of the centre line
         e_psi      [rad]  heading of the car minus heading of the centre line
-        speed      [m/s]
+        speed      [m/s]  0 in the first call: do not divide by it
         curvature         a function: curvature(d) is the curvature of the centre line [1/m],
                           d metres ahead; curvature(0.0) is the one beside the car
 
