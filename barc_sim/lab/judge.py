@@ -78,9 +78,9 @@ def close(got: Floats, expected: Floats) -> bool:
 
 
 _ROUNDING = 1e-6  #: relative error, larger than in single precision
-_FACTOR = 0.4  #: loss for a wrong factor; see `TrialJudge.loss`
-_SIGN = 0.6  #: loss for a wrong sign
-_UNRELATED = 0.95  #: relative error from which on a result has nothing of the right one
+FACTOR_LOSS = 0.4  #: loss for a wrong factor; see `TrialJudge.loss`
+SIGN_LOSS = 0.6  #: loss for a wrong sign
+UNRELATED = 0.95  #: relative error from which on a result has nothing of the right one
 _ABSENT = 'Absent'  #: The topic of a missing result begins so: each costs all its points.
 
 
@@ -95,10 +95,10 @@ def _loss(got: Floats, right: Floats, scale: float) -> float:
     # Is it the right result times a factor?
     factor = float(np.vdot(got, right)) / size
     if factor and np.abs(got - factor * right).max() <= _ROUNDING * np.abs(got).max():
-        return min(abs(factor - 1.0), _FACTOR) if factor > 0.0 else _SIGN
+        return min(abs(factor - 1.0), FACTOR_LOSS) if factor > 0.0 else SIGN_LOSS
 
     error = float(np.sqrt(np.vdot(got - right, got - right) / size))
-    return error if error < _UNRELATED else 1.0  # 1 for NaN
+    return error if error < UNRELATED else 1.0  # 1 for NaN
 
 
 def _joined(trials: Sequence[Trial], name: str) -> Case:
@@ -299,6 +299,13 @@ class Lab:
         return JudgedFolder(findings, code.printed, gains, tolerated)
 
 
+class ScoredResult(NamedTuple):
+    """The score of a result."""
+
+    score: float  #: from 0 to 1
+    cause: Mistake | None = None  #: of what it has lost
+
+
 @dataclass(frozen=True)
 class TrialJudge(ABC):
     """Judges trials by a law: the score of each result, and the message on the mistake in it.
@@ -342,10 +349,24 @@ class TrialJudge(ABC):
     def verdicts(
         self, code: JudgedCode, trials: Sequence[Trial], weights: Mapping[str, float]
     ) -> dict[str, tuple[float, str]]:
-        """Return the score of each result, from 0 to 1, and the message on the mistake in it.
+        """Return the score of each result, from 0 to 1, and the message on the mistake in it."""
+        verdicts = {}
+        messages: dict[str, str] = {}  # one mistake has one line
+        for name, result in self.scores(trials, weights).items():
+            text = ''
+            if result.cause:
+                message = self._message(code, _with_result(trials, name), name, result.cause)
+                text = messages.setdefault(result.cause.sentence, message)
+            verdicts[name] = result.score, text
+        return verdicts
 
-        A mistake of the law costs at most `_SIGN`, what a wrong sign costs. Such a mistake has a
-        name: it is one wrong idea, and the rest of the formula is right. Its size in numbers does
+    def scores(
+        self, trials: Sequence[Trial], weights: Mapping[str, float]
+    ) -> dict[str, ScoredResult]:
+        """Return the score of each result, from the trials alone.
+
+        A mistake of the law costs at most `SIGN_LOSS`, what a wrong sign costs. Such a mistake has
+        a name: it is one wrong idea, and the rest of the formula is right. Its size in numbers does
         not matter then, because it depends on the units and on the test cases: an angle in degrees
         is wrong by the factor 57, but is no worse a mistake than a sign. Only a result that is
         missing, or unrelated to the right one without a known reason, costs more.
@@ -361,22 +382,20 @@ class TrialJudge(ABC):
         wrong = [name for name, loss in losses.items() if loss]
         causes = self._causes(trials, wrong) if wrong else {}
         lost = {
-            name: min(losses[name], _SIGN if cause.topic else 1.0) for name, cause in causes.items()
+            name: min(losses[name], SIGN_LOSS if cause.topic else 1.0)
+            for name, cause in causes.items()
         }
 
-        verdicts = dict.fromkeys(weights, (1.0, ''))
-        messages: dict[str, str] = {}  # one mistake has one line
+        scores = dict.fromkeys(weights, ScoredResult(1.0))
         for name, cause in causes.items():
-            message = self._message(code, _with_result(trials, name), name, cause)
-            text = messages.setdefault(cause.sentence, message)
             if _is_absent(cause):
-                verdicts[name] = 0.0, text
+                scores[name] = ScoredResult(0.0, cause)
                 continue
             same_mistake = [each for each, other in causes.items() if other.kind == cause.kind]
             lost_points = [weights[each] * lost[each] for each in same_mistake]
             charged_share = max(lost_points) / sum(lost_points) if any(lost_points) else 1.0
-            verdicts[name] = 1.0 - lost[name] * charged_share, text
-        return verdicts
+            scores[name] = ScoredResult(1.0 - lost[name] * charged_share, cause)
+        return scores
 
     def _causes(self, trials: Sequence[Trial], wrong: Sequence[str]) -> dict[str, Mistake]:
         """Return the cause of each wrong result: a failure, a mistake of the law, or neither."""
@@ -489,6 +508,33 @@ class Functions(TrialJudge):
             findings.append(Finding(self.criteria[name], score, message or right))
         return findings, trials
 
+    def trials_with(self, mistake: Mistake, seed: int) -> list[Trial]:
+        """Return the trials of code that is right but for a mistake of the law."""
+        trials = []
+        for function, results in self.results.items():
+            for situation in self.law.situations[function]:
+                inputs = situation.inputs(seed, self.count)
+                right = self.law.compute(inputs)
+                wrong = self.law.compute(inputs, mistake.formulas)
+                got = {
+                    name: np.broadcast_to(wrong[name], right[name].shape)
+                    for name in results
+                    if name in self.criteria
+                }
+                got = self._without_turns(got, right)
+                trial = Trial(function, situation.name, situation.tests, inputs, right, got)
+                trials.append(trial)
+        return trials
+
+    def _without_turns(
+        self, got: Mapping[str, Floats], right: Mapping[str, Floats]
+    ) -> dict[str, Floats]:
+        """Return results without the full turns in those that are angles."""
+        return {
+            name: _unwound(values, right[name]) if name in self.angles else values
+            for name, values in got.items()
+        }
+
     def _trials(self, code: JudgedCode, name: str, seed: int | str) -> Iterator[Trial]:
         """Call a function in each of its situations; yield the trials."""
         results = self.results[name]
@@ -510,9 +556,7 @@ class Functions(TrialJudge):
                 got = dict(zip(results, numbers.T, strict=True))
             else:
                 got = {results[0]: numbers}
-            for angle in self.angles:
-                if angle in got:
-                    got[angle] = _unwound(got[angle], right[angle])
+            got = self._without_turns(got, right)
             yield Trial(name, situation.name, situation.tests, inputs, right, got, failure)
 
     def _right_results(self, name: str, inputs: Inputs) -> RightResults | None:

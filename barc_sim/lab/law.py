@@ -28,7 +28,7 @@ The arguments of `read_law` replace their names in braces, too. A section with l
 with each choice of their values, which must differ: above, with `v` in place of `{name}`, and `a`
 or `m` in place of `{other}`. A topic that begins with `Absent` is for a result that is missing:
 each costs all its points. All other mistakes cost no more than a wrong sign; see
-`TrialJudge.verdicts` of `judge.py`.
+`TrialJudge.scores` of `judge.py`.
 
 `labs/lane_class.txt` has the same form with another meaning, because a whole class has no formulas
 for its results. Its inputs are the measured angles. A mistake has two entries: `is_made`, a

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
     from barc_sim.lab.confined.process import JudgedCode
     from barc_sim.lab.judge import Index, Settings, Thresholds
-    from barc_sim.lab.law import Floats
+    from barc_sim.lab.law import Floats, Mistake
     from barc_sim.simulation.log import Log
 
 
@@ -418,16 +418,11 @@ class Term(NamedTuple):
 
         With `kp` they are the outputs with this gain of P, minus those of P alone.
         """
-        sequences = [
-            wandering(seed, f'{self.criterion} {gain}', self.amplitude / gain, self.max_sum)
-            for gain in self.gains
-        ]
-        reference, measured, dt = np.array(sequences).transpose(2, 0, 1)
-        gains = np.zeros((len(self.gains), 3))  # a row for each gain, of P, I and D
-        gains[:, 'PID'.index(self.name)] = self.gains
+        sequences = self._sequences(seed)
+        gains = self._gains()
         p_alone = [kp, 0.0, 0.0]
 
-        outputs = np.full_like(reference, np.nan)
+        outputs = np.full(np.shape(sequences)[:2], np.nan)
         failure = ''
         with np.errstate(all='ignore'):
             try:
@@ -440,7 +435,18 @@ class Term(NamedTuple):
                     raise
                 failure = str(error)
 
+        return self._trial(seed, outputs, failure)
+
+    def trial_with(self, mistake: Mistake, seed: int) -> Trial:
+        """Return the trial of a term that is right but for a mistake of the law."""
+        right = self._trial(seed, np.array([]))
+        wrong = PID_LAW.compute(right.inputs, mistake.formulas)[self.name]
+        return right._replace(got={self.name: np.broadcast_to(wrong, right.right[self.name].shape)})
+
+    def _trial(self, seed: int, outputs: Floats, failure: str = '') -> Trial:
+        reference, measured, dt = np.array(self._sequences(seed)).transpose(2, 0, 1)
         inputs = {'reference': reference, 'measured': measured, 'dt': dt}
+        gains = self._gains()
         for k, name in enumerate(('kp', 'ki', 'kd')):
             inputs[name] = gains[:, k, np.newaxis]
         return Trial(
@@ -452,6 +458,19 @@ class Term(NamedTuple):
             got={self.name: outputs},
             failure=failure,
         )
+
+    def _sequences(self, seed: int) -> list[list[Sample]]:
+        """Return the samples for each gain."""
+        return [
+            wandering(seed, f'{self.criterion} {gain}', self.amplitude / gain, self.max_sum)
+            for gain in self.gains
+        ]
+
+    def _gains(self) -> Floats:
+        """Return a row for each gain, of P, I and D."""
+        gains = np.zeros((len(self.gains), 3))
+        gains[:, 'PID'.index(self.name)] = self.gains
+        return gains
 
 
 # Outputs stay below 2 m/s², even with a missing dt, so that no limit in user code changes them.
@@ -566,6 +585,8 @@ class _Terms(TrialJudge):
         return code.line_of('steps', ('PID', pid, [call]), wrong, call)
 
 
+TERM_JUDGE = _Terms(PID_LAW, agree, min_loss=_HALF)
+
 _KP = (
     'kp multiplies this term, too: the output is '
     'kp * e + ki * (sum of e * dt) + kd * (change of e) / dt'
@@ -621,7 +642,7 @@ def judge_terms(
 
     points = points or {}
     weights = {term.name: points.get(term.criterion, 1.0) for term in TERMS}
-    verdicts = _Terms(PID_LAW, agree, min_loss=_HALF).verdicts(code, trials, weights)
+    verdicts = TERM_JUDGE.verdicts(code, trials, weights)
 
     findings = []
     corrections = {}
