@@ -64,16 +64,17 @@ class _FloodedRun:
 
         hundredth = (time.perf_counter() - start) / 100.0
         self._load['core, %'] = (time.process_time() - process_start) / hundredth
-        self._load['recorder thread, %'] = (_recorder_time() - thread_start) / hundredth
+        self._load['recorder threads, %'] = (_recorder_time() - thread_start) / hundredth
         self._timed_run.run.finish()
 
 
 def _recorder_time() -> float:
-    """Return the processor time of the recorder's thread [s]; 0 if there is none."""
-    for thread in threading.enumerate():
-        if thread.name == 'recorder' and thread.ident:
-            return time.clock_gettime(time.pthread_getcpuclockid(thread.ident))
-    return 0.0
+    """Return the processor time of the recorder's threads [s]; 0 if there are none."""
+    return sum(
+        time.clock_gettime(time.pthread_getcpuclockid(thread.ident))
+        for thread in threading.enumerate()
+        if thread.name == 'recorder' and thread.ident
+    )
 
 
 def _flood(task: dict[str, Any]) -> int:

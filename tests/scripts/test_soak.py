@@ -23,7 +23,7 @@ LENGTH = [] if 'BARC_SIM_SOAK' in os.environ else ['--short']
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 @pytest.mark.usefixtures('ros_domain')
-@pytest.mark.parametrize('ordeal', ['flood', 'kill', 'reset', 'signals'])
+@pytest.mark.parametrize('ordeal', ['flood', 'kill', 'reset', 'signals', 'split'])
 def test_a_run_keeps_its_bounds_under_faults(ordeal: str) -> None:
     process = subprocess.run(
         [sys.executable, str(ROOT / 'scripts' / 'soaking' / '_soak.py'), ordeal, *LENGTH],
