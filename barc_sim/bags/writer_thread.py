@@ -326,6 +326,8 @@ class WriterThread:
         with self._source_lock:
             self._poll()
         with self._lock:
+            if self._writer.closed:
+                return
             self._write_queue()
             try:
                 self._writer.split()
