@@ -12,7 +12,6 @@ from collections import Counter, defaultdict
 from struct import Struct
 from typing import TYPE_CHECKING
 
-import lz4.frame
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
@@ -143,6 +142,8 @@ def _compressed(content: bytes, file_format: FileFormat) -> bytes:
     if file_format.compression == 'zstd':
         return ZstdCompressor(level=file_format.level).compress(content)
     if file_format.compression == 'lz4':
+        import lz4.frame  # noqa: PLC0415 (rarely needed)
+
         frame: bytes = lz4.frame.compress(content)
         return frame
     return content

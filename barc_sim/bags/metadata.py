@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 #: Name of the MCAP metadata records with the run's own metadata.
 METADATA_NAME = 'barc_sim'
+_NEVER = 2**63 - 1  #: [ns] when a file without messages starts, as in rosbag2
 TRACK_NAME = 'track.json'  #: name of the attached file with the track of a run
 
 
@@ -94,10 +95,17 @@ def information(
         'compression_format': '',
         'compression_mode': '',
         'relative_file_paths': [name for name, _ in files],
-        'files': [{'path': name, **span.as_metadata()} for name, span in files],
+        'files': [_file_metadata(name, span) for name, span in files],
         'custom_data': dict(custom),
         'ros_distro': 'jazzy',
     }
+
+
+def _file_metadata(name: str, span: Span) -> dict[str, Any]:
+    entries = {'path': name, **span.as_metadata()}
+    if span.start is None:
+        entries['starting_time'] = {'nanoseconds_since_epoch': _NEVER}
+    return entries
 
 
 def _topic_metadata(topic: Topic) -> dict[str, Any]:

@@ -7,7 +7,6 @@ from contextlib import suppress
 from itertools import chain
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.bags.contents import Contents
 from barc_sim.bags.mcap_writer import McapFileWriter
 from barc_sim.bags.metadata import METADATA_NAME, information, write_metadata
 from barc_sim.errors import UserError
@@ -118,6 +117,8 @@ class BagWriter:
 
     def _read(self, file: McapFileWriter) -> dict[str, int]:
         """Return the number of messages that can be read in a truncated file, by topic."""
+        from barc_sim.bags.contents import Contents  # noqa: PLC0415 (rarely needed)
+
         state = file.path.name, file.size_on_disk
         if state not in self._remaining:
             counts: Counter[str] = Counter()

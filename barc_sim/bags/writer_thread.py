@@ -169,7 +169,10 @@ class WriterThread:
     @property
     def _has_room(self) -> bool:
         """Whether messages can be taken from the source."""
-        return self._queue.max_size > 0 or not (self._queue or self._stuck or self._writer_failed)
+        if self._queue.max_size > 0:
+            return True
+        is_writing = not self._stuck and not self._writer_failed
+        return is_writing and len(self._queue) == 0
 
     def _take(self) -> list[MessageFields]:
         """Return the waiting messages in order of reception, as readers expect.

@@ -367,7 +367,7 @@ def test_metadata_of_a_split_bag_keep_to_the_rules_of_rosbag2(directory: Path) -
             {'nanoseconds': 2 * tenth},
             3,
         ),
-        ('run_3.mcap', {'nanoseconds_since_epoch': 0}, {'nanoseconds': 0}, 0),
+        ('run_3.mcap', {'nanoseconds_since_epoch': 2**63 - 1}, {'nanoseconds': 0}, 0),
     ]
     assert described['starting_time'] == {'nanoseconds_since_epoch': START}
     assert described['duration'] == {'nanoseconds': 24 * tenth}
