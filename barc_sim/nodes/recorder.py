@@ -18,14 +18,16 @@ How a message comes into the bag; the arrows are the way of the message::
     (ros/recording)                                (ros/local/recording.py)
        |                                              |
        +----------------------+-----------------------+
-                              |  every 0.1 s, in the recorder's thread
+                              |  every 0.1 s, in a thread of the recorder
                               v
                         WriterThread: sorts by reception, applies `/clock`
                         (bags/writer_thread.py)
+                              |  cache in memory (bags/cache.py), to another thread
+                              v
+                        BagWriter.write: splits the bag (bags/writer.py)
                               |
                               v
-                        BagWriter.write: chunks of an MCAP file
-                        (bags/writer.py)
+                        McapFileWriter: chunks of a file (bags/mcap_writer.py)
 
 The carrier of the run makes the subscriptions (`Carrier.new_subscriptions`). Without ROS, a
 publisher also writes in its own thread when the queue is long (`call_when_full`). An executor spins

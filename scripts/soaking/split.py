@@ -145,10 +145,10 @@ def _look_at(path: Path, killed: int) -> _KilledBag:
     first: dict[str, int] = {}  # number of a topic's first message
     last: dict[str, int] = {}
     counts: defaultdict[str, int] = defaultdict(int)
-    settled = None
+    counted_from = None
     for message in contents.messages():
-        settled = settled or message.received + _SETTLING_TIME
-        if message.received < settled:
+        counted_from = counted_from or message.received + _SETTLING_TIME
+        if message.received < counted_from:
             continue
         name = message.topic.name
         *_, last[name] = HEAD.unpack_from(message.data)
