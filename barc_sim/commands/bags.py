@@ -20,6 +20,7 @@ from barc_sim.runs.recording_options import (
     add_recording_options,
     add_selection_options,
     add_topic_choice,
+    key_and_value,
     recording,
 )
 
@@ -56,6 +57,18 @@ def add_arguments_record(parser: Parser) -> None:
         action='store_true',
         help='stamp messages with the time on /clock; record none before its first message',
     )
+    parser.add_argument(
+        '--custom-data',
+        type=key_and_value,
+        nargs='+',
+        action='extend',
+        default=[],
+        metavar='KEY=VALUE',
+        help="add this to the bag's metadata, as custom_data of metadata.yaml",
+    )
+    parser.add_argument(
+        '-a', '--all', action='store_true', help='record every topic, which is the default'
+    )
     add_selection_options(parser)
     add_control_options(parser)
     add_qos_overrides(parser, 'record')
@@ -71,8 +84,10 @@ def run_record(options: Namespace) -> int:
     from barc_sim.nodes.recorder_rosbag2 import Rosbag2RecorderServices  # noqa: PLC0415
     from barc_sim.ros.process import spin  # noqa: PLC0415
 
+    if options.all and (options.topics or options.topic_types):
+        raise UserError('--all records every topic: leave it out, or --topics and --topic-types')
     settings = recording(options)
-    metadata = {'command': shlex.join(['barc', *options.argv])}
+    metadata = {**dict(options.custom_data), 'command': shlex.join(['barc', *options.argv])}
 
     with ExitStack() as end:
 

@@ -176,6 +176,14 @@ def pattern(text: str) -> re.Pattern[str]:
         raise argparse.ArgumentTypeError(f'{text!r} is not a regular expression: {error}') from None
 
 
+def key_and_value(text: str) -> tuple[str, str]:
+    """Return the name and the text of an entry of the bag's metadata on the command line."""
+    key, separator, value = text.partition('=')
+    if not (key and separator):
+        raise argparse.ArgumentTypeError(f'{text!r} is not KEY=VALUE')
+    return key, value
+
+
 def type_name(text: str) -> str:
     """Return the name of a type on the command line."""
     if not _TYPE_NAME.fullmatch(text):

@@ -42,7 +42,8 @@ def talker(ros: Context) -> Iterator[Node]:
 
 def test_ctrl_c_ends_it_with_its_counts_and_a_whole_bag(talker: Node, tmp_path: Path) -> None:
     publisher = talker.create_publisher(Float64, 'value', LATCHED)
-    with started('record', '--output', str(tmp_path / 'mine'), '--topics', 'value') as process:
+    words = ('--output', str(tmp_path / 'mine'), '--topics', 'value', '--custom-data', 'site=Oslo')
+    with started('record', *words) as process:
         wait_for(lambda: publisher.get_subscription_count() == 1)
         for _ in range(5):
             publisher.publish(Float64())
@@ -57,6 +58,7 @@ def test_ctrl_c_ends_it_with_its_counts_and_a_whole_bag(talker: Node, tmp_path: 
     ]
     mcap_doctor.check(tmp_path / 'mine' / 'mine_0.mcap')
     assert bag.info(tmp_path / 'mine')['lost_messages'] == '0'
+    assert bag.info(tmp_path / 'mine')['site'] == 'Oslo'
 
 
 def call(environment: dict[str, str], *names: str) -> list[str]:
@@ -105,6 +107,22 @@ def test_clients_of_rosbag2_control_it(
         'recorded 2 messages in 2 files, lost 0',
         f'bag {bag}',
     ]
+
+
+@pytest.mark.usefixtures('ros_domain')
+@pytest.mark.parametrize(
+    ('words', 'why'),
+    [
+        (('-a', '--topics', 'ecu'), '--all records every topic'),
+        (('--snapshot-mode', '--max-cache-size', '0'), 'a snapshot needs a cache'),
+        (('--custom-data', 'Oslo'), "'Oslo' is not KEY=VALUE"),
+        (('--qos-profile-overrides-path', '/missing'), "'/missing' cannot be used"),
+    ],
+)
+def test_options_that_are_wrong_or_exclude_each_other_are_one_sentence(
+    words: tuple[str, ...], why: str
+) -> None:
+    assert why in refused('record', *words)
 
 
 @pytest.mark.usefixtures('ros_domain')
