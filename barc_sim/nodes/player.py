@@ -72,7 +72,8 @@ class BagPlayer(Node):
         show: Callable[[str], object] = str,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
-        self._playback = playback = playback or Playback()
+        playback = playback or Playback()
+        self._playback = playback
         self._bags = PlaybackBags(paths)
         span = self._bags.span
         self._start = span.start or 0
@@ -100,22 +101,21 @@ class BagPlayer(Node):
         # A service that waits for messages must not delay the end.
         self.finished.add_done_callback(lambda _: self._playback_clock.stop())
 
-        try:
-            self._topic_publishers = PlaybackPublishers(self, self._bags, playback)
-        except UserError:
-            self.destroy_node()
-            raise
         self._clock_publisher: Publisher | None = None
         if playback.clock:
             self._clock_publisher = self.create_publisher(ClockMessage, CLOCK, 10)
-
-        self.controls = PlaybackControls(
-            self,
-            self._playback_clock,
-            start=self._start,
-            first=self._first,
-            last=self._limit,
-        )
+        try:
+            self._topic_publishers = PlaybackPublishers(self, self._bags, playback)
+            self.controls = PlaybackControls(
+                self,
+                self._playback_clock,
+                start=self._start,
+                first=self._first,
+                last=self._limit,
+            )
+        except UserError:
+            self.destroy_node()
+            raise
         with suppress(ImportError, AttributeError):  # rosbag2's types are not installed
             Rosbag2PlayerServices(self, self._playback_clock, self.controls)
 

@@ -15,6 +15,7 @@ pytest.importorskip('rclpy')
 
 from command_line import started
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
@@ -381,6 +382,8 @@ def test_what_cannot_be_played_is_one_sentence(ros: Context, bag: Path) -> None:
         BagPlayer([bag, bag], Playback(start_offset=1.0), context=ros)
     with pytest.raises(UserError, match='has no topic that can be played'):
         BagPlayer([bag], Playback(topics=[re.compile('/c')]), context=ros)
+    with pytest.raises(UserError, match='parameter rate of bag_player: 0 is not a number from'):
+        BagPlayer([bag], context=ros, parameter_overrides=[Parameter('rate', value=0.0)])
 
 
 @pytest.mark.parametrize(
