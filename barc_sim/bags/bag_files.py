@@ -172,7 +172,6 @@ class Damage:
 class FilledContents(Protocol):
     """The contents of a bag, to which its files add; `Contents` is that."""
 
-    span: Span
     metadata: dict[str, str]
     attachments: dict[str, bytes]
 
@@ -186,6 +185,7 @@ class BagFile(Protocol):
     path: Path
     damage: Damage  #: `messages` renews it
     has_summary: bool  #: whether topics and time span are known before the messages are read
+    span: Span  #: the time span of all messages, if it has a summary
 
     def messages(self, start: int | None = None) -> Iterator[BagMessage]:
         """Yield the messages that were received at `start` [ns] or later, in the file's order."""

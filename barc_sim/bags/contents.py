@@ -49,8 +49,6 @@ class Contents:
         The topics, in the order of the bag; a name with messages of two types has two.
     files
         The bag's files.
-    span
-        The time span of all messages, or of the messages that were read.
     metadata, attachments
         The run's metadata, and the attached files by name.
 
@@ -66,7 +64,7 @@ class Contents:
         self._by_content: dict[tuple[Any, ...], Topic] = {}  # equal topics of all files are one
         self._definitions: dict[bytes, str] = {}  # equal schemas of all topics are stored once
         self._counts: Counter[int] = Counter()  # number of messages read, by identity of the topic
-        self.span = Span()
+        self._read_spans: list[Span] = []  # of the messages read in each file
         self.metadata: dict[str, str] = {}
         self.attachments: dict[str, bytes] = {}
         paths = files(path)
@@ -75,6 +73,16 @@ class Contents:
         for file in paths:
             kind = SqliteFile if suffix_of(file) == SQLITE else McapFile
             self.files.append(kind(file, self, self._budget, is_alone=len(paths) == 1))
+
+    @property
+    def spans(self) -> list[Span]:
+        """The time span of each file: of the messages that were read, or else of all."""
+        return self._read_spans or [file.span for file in self.files]
+
+    @property
+    def span(self) -> Span:
+        """The time span of all messages, or of the messages that were read."""
+        return sum(self.spans, Span())
 
     @property
     def damages(self) -> dict[str, Damage]:
@@ -136,12 +144,14 @@ class Contents:
             from there; another one is read from its beginning. None: all messages are read.
         """
         self._counts = Counter()
-        self.span = Span()
+        self._read_spans = [Span() for _ in self.files]
         self._budget.renew()
-        for file in self.files:
+        for file, span in zip(self.files, self._read_spans, strict=True):
+            if start is not None and file.has_summary and file.span.count and file.span.end < start:
+                continue
             for message in file.messages(start):
                 self._counts[id(message.topic)] += 1
-                self.span.add(message.received)
+                span.add(message.received)
                 yield self._with_unpacked_data(message)
 
     def blocks_before(
@@ -238,15 +248,24 @@ def describe(path: Path) -> dict[str, Any]:
         else:
             metadata[name] = text
 
-    span = contents.span
+    files_and_spans = zip(contents.files, contents.spans, strict=True)
+    file_spans = {file.path.name: _in_seconds(span) for file, span in files_and_spans}
     return {
         'path': str(path),
         'files': {file.path.name: file.path.stat().st_size for file in contents.files},
-        'start': (span.start or 0) / 1e9,
-        'duration': span.duration / 1e9,
-        'messages': span.count,
+        'file_spans': file_spans,
+        **_in_seconds(contents.span),
         'topics': topics,
         'losses': losses,
         'damages': {name: vars(damage) for name, damage in contents.damages.items()},
         'metadata': metadata,
+    }
+
+
+def _in_seconds(span: Span) -> dict[str, Any]:
+    """Return the part of a description on the messages of a bag or of a file."""
+    return {
+        'start': (span.start or 0) / 1e9,
+        'duration': span.duration / 1e9,
+        'messages': span.count,
     }

@@ -80,6 +80,7 @@ class McapFile:
         self.path = path
         self._is_alone = is_alone
         self.has_summary = False
+        self.span = Span()
         self.damage = Damage()  #: `messages` adds the damage of chunks
         self._bag = bag
         self._budget = budget
@@ -300,7 +301,7 @@ class McapFile:
             self.has_summary = True
             self._channel_count = record.channel_count
             if record.message_count:
-                self._bag.span += Span(
+                self.span = Span(
                     record.message_start_time, record.message_end_time, record.message_count
                 )
 

@@ -85,7 +85,6 @@ class SqliteFile:
                 raise UserError(
                     f'{str(path)!r} is not a bag in sqlite3 ({error}): name another bag'
                 ) from None
-        bag.span += self.span
 
     def messages(self, start: int | None = None) -> Iterator[BagMessage]:
         """Yield the messages in the order of the file.

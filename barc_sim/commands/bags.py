@@ -256,11 +256,10 @@ def run_info(options: Namespace) -> None:
 
 def _described(contents: dict[str, Any]) -> Iterator[str]:
     """Yield the lines of a description, similar to those of `ros2 bag info`."""
-    start = datetime.fromtimestamp(contents['start'], timezone.utc).astimezone()
-    yield f'Files:     {", ".join(contents["files"])}'
+    yield from _file_lines(contents['file_spans'])
     yield f'Bag size:  {sum(contents["files"].values()) / 1024:.1f} KiB'
     yield f'Duration:  {contents["duration"]:.9f} s'
-    yield f'Start:     {start:%b %d %Y %H:%M:%S.%f} ({contents["start"]:.9f})'
+    yield f'Start:     {_date(contents["start"])}'
     yield f'Messages:  {contents["messages"]}'
     for topic in contents['topics']:
         yield _topic_line(topic['name'], topic['type'], topic['encoding'], topic['messages'])
@@ -268,6 +267,24 @@ def _described(contents: dict[str, Any]) -> Iterator[str]:
     for name, text in (*contents['losses'].items(), *contents['metadata'].items()):
         if name not in ('parameters', 'graph'):  # long
             yield f'{name}: {" ".join(text.split())}'
+
+
+def _file_lines(spans: dict[str, dict[str, Any]]) -> Iterator[str]:
+    """Yield the names of the files; of several, each with its start, duration and messages."""
+    title = 'Files:    '
+    for name, span in spans.items():
+        if len(spans) == 1:
+            yield f'{title} {name}'
+        else:
+            times = f'{_date(span["start"])}, {span["duration"]:.9f} s'
+            yield f'{title} {name}: {times}, {span["messages"]} messages'
+        title = ' ' * len(title)
+
+
+def _date(seconds: float) -> str:
+    """Return a time since 1970 [s] as a local date."""
+    date = datetime.fromtimestamp(seconds, timezone.utc).astimezone()
+    return f'{date:%b %d %Y %H:%M:%S.%f} ({seconds:.9f})'
 
 
 def _topic_line(name: str, type_name: str, encoding: str, count: int) -> str:

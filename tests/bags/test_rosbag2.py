@@ -63,6 +63,10 @@ def test_a_split_bag_of_each_distribution_is_read_as_one(
     assert described['damages'] == {}
     assert described['duration'] == 3.0
     assert {topic['type'] for topic in described['topics']} == {'std_msgs/msg/String'}
+    spans = described['file_spans']
+    assert [*spans] == [file.name for file in files(path)]
+    assert [span['messages'] for span in spans.values()] == [10, 10, 10]
+    assert [span['start'] for span in spans.values()] == [START / SECOND + k for k in range(3)]
     (first, *_) = Contents(path).topics
     (qos,) = first.offered_qos or [{'durability': None}]
     assert qos['durability'] in {'transient_local', 1, None}
@@ -71,6 +75,15 @@ def test_a_split_bag_of_each_distribution_is_read_as_one(
     rows = (tmp_path / 'csv' / 'a.csv').read_text().splitlines()[1:]
     words = [row.rpartition(',')[2] for row in rows]
     assert words == [message.word for message in IN_ORDER if message.topic == '/a']
+
+
+def test_info_prints_each_file_of_a_split_bag(tmp_path: Path) -> None:
+    lines = printed('info', str(write_bag(tmp_path / 'drive', FILES))).splitlines()
+    for number, line in enumerate(lines[:3]):
+        title = ' ' * 10 if number else 'Files:    '
+        assert line.startswith(f'{title} drive_{number}.mcap: ')
+        assert line.endswith(f' ({START // SECOND + number}.000000000), 1.000000000 s, 10 messages')
+    assert lines[3].startswith('Bag size: ')
 
 
 @pytest.mark.parametrize('compression', ['', 'file', 'message'])
