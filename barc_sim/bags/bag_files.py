@@ -21,7 +21,7 @@ from barc_sim.cli.yaml_files import from_yaml
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator
+    from collections.abc import Callable, Collection, Iterator, Sequence
     from pathlib import Path
 
     from mcap.records import Channel, Schema
@@ -186,6 +186,10 @@ class BagFile(Protocol):
     damage: Damage  #: `messages` renews it
     has_summary: bool  #: whether topics and time span are known before the messages are read
     span: Span  #: the time span of all messages, if it has a summary
+
+    @property
+    def attachment_names(self) -> Sequence[str]:
+        """The names of the files that are attached to it."""
 
     def messages(self, start: int | None = None) -> Iterator[BagMessage]:
         """Yield the messages that were received at `start` [ns] or later, in the file's order."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from barc_sim.bags import bounds
 from barc_sim.bags.bag_files import SQLITE, files, suffix_of
 from barc_sim.bags.bounds import Budget
-from barc_sim.bags.mcap_files import McapFile, unpacked
+from barc_sim.bags.mcap_files import PACKED_MESSAGE, McapFile, unpacked
 from barc_sim.bags.messages import Topic
 from barc_sim.bags.metadata import Span
 from barc_sim.bags.sqlite import SqliteFile
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from barc_sim.bags.bag_files import BagFile, Damage
     from barc_sim.bags.messages import BagMessage
 
-_ZSTD = b'\x28\xb5\x2f\xfd'  # begins a message that rosbag2 has compressed; CDR begins with a zero
 #: [ns] by which a message may stand behind later messages in a file.
 _DISORDER = 2_000_000_000
 #: What the names of metadata on lost messages begin with.
@@ -149,10 +148,14 @@ class Contents:
         for file, span in zip(self.files, self._read_spans, strict=True):
             if start is not None and file.has_summary and file.span.count and file.span.end < start:
                 continue
-            for message in file.messages(start):
+            for message in self.messages_of(file, start):
                 self._counts[id(message.topic)] += 1
                 span.add(message.received)
-                yield self._with_unpacked_data(message)
+                yield message
+
+    def messages_of(self, file: BagFile, start: int | None = None) -> Iterator[BagMessage]:
+        """Yield the messages of one file of the bag, uncounted; `start` is as for `messages`."""
+        return map(self._with_unpacked_data, file.messages(start))
 
     def blocks_before(
         self, end: int, wants: Callable[[Collection[int], int], bool]
@@ -193,7 +196,7 @@ class Contents:
 
     def _with_unpacked_data(self, message: BagMessage) -> BagMessage:
         """Return a message, unpacked if rosbag2 has compressed it."""
-        if not message.data.startswith(_ZSTD):
+        if not message.data.startswith(PACKED_MESSAGE):
             return message
         try:
             decompressed = unpacked(message.data, self._budget.max_chunk)

@@ -1,4 +1,4 @@
-"""Converts a bag to tables, to a log, and a damaged bag to a whole one."""
+"""Converts a bag to tables, and to a log."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import csv
 import json
 import logging
 import re
-import shutil
 from collections import defaultdict
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, is_dataclass
@@ -18,10 +17,8 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.msg import normalize_msgtype
 
 from barc_sim.bags.contents import Contents
-from barc_sim.bags.directory import make_directory
 from barc_sim.bags.recording_settings import selected
 from barc_sim.bags.schemas import types_of
-from barc_sim.bags.writer import BagWriter
 from barc_sim.errors import UserError
 from barc_sim.simulation.log import COLUMNS, Log, log_of_columns
 
@@ -282,43 +279,3 @@ def _read_series(path: Path, fields: Mapping[str, str]) -> dict[str, _Series]:
 
 def _are_numbers(values: list[Any]) -> bool:
     return all(isinstance(value, (int, float)) for value in values)
-
-
-def recover(path: Path, output: Path) -> Contents:
-    """Copy all readable messages of a bag to a new one.
-
-    Schemas, channels and encodings are written as they were read.
-
-    Parameters
-    ----------
-    path
-        The bag.
-    output
-        The directory to make.
-
-    Returns
-    -------
-    Contents
-        What was read, with its damages.
-
-    Raises
-    ------
-    UserError
-        There is no bag, nothing in it can be read, or the output exists or cannot be written.
-    """
-    contents = Contents(path, timed=True)
-    make_directory(output, output.parent)
-    try:
-        with closing(BagWriter(output, metadata=contents.metadata)) as writer:
-            writer.attach(contents.attachments)
-            for message in contents.messages():
-                writer.write([message])
-    except (OSError, UserError) as error:
-        shutil.rmtree(output)
-        if isinstance(error, UserError):
-            raise
-        raise UserError(
-            f'{str(output)!r} cannot be written ({error.strerror}): name an --output on a disk '
-            'with space'
-        ) from error
-    return contents

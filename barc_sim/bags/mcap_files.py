@@ -51,6 +51,8 @@ _DESCRIBING: dict[int, Any] = {
     Opcode.METADATA: Metadata,
     Opcode.STATISTICS: Statistics,
 }
+#: Begins a message that rosbag2 has compressed by zstd; CDR begins with a zero.
+PACKED_MESSAGE = b'\x28\xb5\x2f\xfd'
 _IN_CHUNKS = {Opcode.SCHEMA, Opcode.CHANNEL}
 
 
@@ -96,8 +98,13 @@ class McapFile:
         self._indexed_channels: set[int] = set()  # since the last chunk
         self._has_loose_messages = False  # in no chunk
         self._channel_count: int | None = None  # of the whole file; None: unknown
+        self._statistics: Statistics | None = None
+        self._has_checksum = False  # of all its data
+        #: The names of the files that are attached to it.
+        self.attachment_names: list[str] = []
         with self._records(messages=False) as records:
             for opcode, body in records:
+                self._has_checksum |= opcode == Opcode.DATA_END and any(body[:4])
                 self._add(opcode, body)
         self._end_chunk()
 
@@ -170,6 +177,37 @@ class McapFile:
                 message = self._message(body)
                 if message is not None:
                     yield message
+
+    @property
+    def counted(self) -> list[tuple[Topic, int]]:
+        """The topics with the number of messages that the summary states."""
+        counts = self._statistics.channel_message_counts if self._statistics else {}
+        return [(topic, counts.get(channel, 0)) for channel, topic in self._channels.items()]
+
+    def is_whole(self) -> bool:
+        """Read the file, and return whether it is undamaged, with an index and plain messages.
+
+        The checksum of its data is compared; only a file without one is unpacked.
+        """
+        is_complete = (
+            not self.damage
+            and not is_compressed(self.path)
+            and not self._has_loose_messages
+            and self._statistics is not None
+            and self._statistics.chunk_count == len(self._chunk_offsets)
+            and self._statistics.message_count == sum(count for _, count in self.counted)
+        )
+        if not is_complete:
+            return False
+
+        first = next(self.messages(), None)
+        if first is not None and first.data.startswith(PACKED_MESSAGE):
+            return False
+        with self._records(messages=True) as records:
+            for opcode, body in records:
+                if opcode == Opcode.CHUNK and not self._has_checksum:
+                    self._unpacked(Chunk.read(ReadDataStream(BytesIO(body))))
+        return not self.damage
 
     @contextmanager
     def _records(
@@ -297,8 +335,10 @@ class McapFile:
         elif isinstance(record, Attachment):
             self._budget.keep(body)
             self._bag.attachments[record.name] = record.data
+            self.attachment_names.append(record.name)
         elif isinstance(record, Statistics):
             self.has_summary = True
+            self._statistics = record
             self._channel_count = record.channel_count
             if record.message_count:
                 self.span = Span(

@@ -67,6 +67,8 @@ class SqliteFile:
         It cannot be read or copied, it exceeds a bound, or it `is_alone` and is no bag.
     """
 
+    attachment_names = ()  #: a database has no attached files
+
     def __init__(self, path: Path, bag: FilledContents, budget: Budget, *, is_alone: bool) -> None:
         self.path = path
         self.has_summary = False

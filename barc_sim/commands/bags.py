@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Iterator
 
-    from barc_sim.bags.contents import Contents
+    from barc_sim.bags.recovery import Recovery
     from barc_sim.cli.parser import Parser
 
 _CLOCK_RATES = (1e-3, 1e3)  #: [Hz]
@@ -329,7 +329,7 @@ def add_arguments_recover(parser: Parser) -> None:
     """Describe the command."""
     parser.description = (
         'Copy all readable messages of a damaged bag into a new one, with index, summary and '
-        'metadata.yaml.'
+        'metadata.yaml. Of a bag of several files, only the damaged ones are written anew.'
     )
     add_bag(parser)
     parser.add_argument(
@@ -343,7 +343,7 @@ def add_arguments_recover(parser: Parser) -> None:
 
 def run_recover(options: Namespace) -> None:
     """Write the new bag and print a summary of it."""
-    from barc_sim.bags.convert import recover  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.bags.recovery import recover  # noqa: PLC0415 (slow: not for --help)
 
     bag = _bag(options)
     whole = bag.resolve()
@@ -353,9 +353,13 @@ def run_recover(options: Namespace) -> None:
     show(output)
 
 
-def _recovered(contents: Contents) -> Iterator[str]:
-    """Yield the lines of the summary: damages, messages by topic."""
-    yield from _damages({name: vars(damage) for name, damage in contents.damages.items()})
-    for topic, count in contents.counted:
+def _recovered(recovery: Recovery) -> Iterator[str]:
+    """Yield the lines of the summary: damages, kept files, messages by topic."""
+    yield from _damages({name: vars(damage) for name, damage in recovery.damages.items()})
+    if recovery.linked:
+        yield f'files that are whole, and now have a second name in the new bag: {recovery.linked}'
+    if recovery.copied:
+        yield f'files that are whole, and were copied: {recovery.copied}'
+    for topic, count in recovery.counted:
         yield _topic_line(topic.name, topic.type, topic.message_encoding, count)
-    yield f'{contents.span.count:9} messages in {contents.span.duration / 1e9:.3f} s'
+    yield f'{recovery.span.count:9} messages in {recovery.span.duration / 1e9:.3f} s'

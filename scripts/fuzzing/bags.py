@@ -43,7 +43,8 @@ from mcap.records import Attachment
 
 from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader
-from barc_sim.bags.convert import convert, recover
+from barc_sim.bags.convert import convert
+from barc_sim.bags.recovery import recover
 from barc_sim.errors import UserError
 from barc_sim.figures import run_figures, views
 from barc_sim.lab.run_report import page, read

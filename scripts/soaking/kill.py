@@ -21,7 +21,7 @@ from _figures import Figure, spread
 from _nodes import Nodes, Witness
 from rosbags.highlevel import AnyReader, AnyReaderError
 
-from barc_sim.bags.convert import recover
+from barc_sim.bags.recovery import recover
 from barc_sim.errors import UserError
 from barc_sim.ros.process import ros
 

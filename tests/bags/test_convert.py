@@ -13,13 +13,14 @@ from command_line import printed, refused
 from made_bags import VALUE
 from mcap.reader import SeekingReader
 from mcap.writer import Writer
+from rosbag2_layouts import Sent, write_bag
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from barc_sim.bags import reader as bag
 from barc_sim.bags.contents import Contents
-from barc_sim.bags.convert import recover
 from barc_sim.bags.messages import BagMessage, Topic
+from barc_sim.bags.recovery import recover
 from barc_sim.bags.writer import BagWriter
 from barc_sim.errors import UserError
 
@@ -293,7 +294,7 @@ def test_recover_on_a_full_disk_leaves_no_directory(
         raise OSError(28, 'No space left on device')
 
     monkeypatch.setattr('barc_sim.bags.appender.AtomicAppender.put', refuse)
-    with pytest.raises(UserError, match=r"whole_0.mcap' cannot be made \(No space left"):
+    with pytest.raises(UserError, match=r"whole' cannot be written \(No space left"):
         recover(killed, killed.with_name('whole'))
     assert [*killed.parent.iterdir()] == [killed]
 
@@ -306,3 +307,135 @@ def test_command_prints_what_was_recovered(killed: Path) -> None:
         f'{killed}_recovered',
     ]
     assert refused('recover', str(killed)).endswith('(File exists): name another folder')
+
+
+def part(folder: Path, numbers: range, *, is_killed: bool = False) -> Path:
+    """Make a bag of one file, and return the file."""
+    folder.mkdir()
+    writer = BagWriter(folder, metadata={'command': 'acc'})
+    writer.attach({f'from {numbers[0]}.txt': b'text'})
+    for k in numbers:
+        writer.write([BagMessage(VALUE, k.to_bytes(12, 'little'), 1000 + k, 900 + k, k)])
+        if k % 10 == 9:
+            writer.flush()
+    if is_killed:
+        writer._file.close()  # noqa: SLF001 (as a kill would)
+    else:
+        writer.close()
+    return writer.file
+
+
+@pytest.fixture
+def killed_parts(tmp_path: Path) -> Path:
+    """Return the bag of a recorder that was killed in its third file, without metadata.yaml."""
+    directory = tmp_path / 'run'
+    directory.mkdir()
+    for number in range(3):
+        numbers = range(100 * number, 100 * (number + 1))
+        file = part(tmp_path / f'part{number}', numbers, is_killed=number == 2)
+        file.rename(directory / f'run_{number}.mcap')
+    return directory
+
+
+@pytest.mark.parametrize('has_links', [True, False], ids=['same disk', 'another disk'])
+def test_of_a_split_bag_recover_writes_only_damaged_files(
+    killed_parts: Path, monkeypatch: pytest.MonkeyPatch, *, has_links: bool
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(18, 'Invalid cross-device link')
+
+    if not has_links:
+        monkeypatch.setattr('os.link', refuse)
+    before = {file.name: file.read_bytes() for file in killed_parts.iterdir()}
+    expected = messages(killed_parts)
+    output = killed_parts.with_name('whole')
+
+    lines = printed('recover', str(killed_parts), '-o', str(output)).splitlines()
+
+    assert {file.name: file.read_bytes() for file in killed_parts.iterdir()} == before
+    assert lines[0].startswith('run_2.mcap is unfinished or damaged: ')
+    assert ('a second name' if has_links else 'were copied: 2') in lines[1]
+    assert '      300 /value [std_msgs/msg/Float64]' in lines
+    assert messages(output) == expected
+    assert len(expected) == 300
+    files = [output / f'whole_{number}.mcap' for number in range(3)]
+    for file in files:
+        mcap_doctor.check(file)
+    for number in range(2):
+        assert files[number].read_bytes() == before[f'run_{number}.mcap']
+        assert files[number].samefile(killed_parts / f'run_{number}.mcap') == has_links
+    with AnyReader([output]) as reader:
+        assert reader.message_count == 300
+    information = yaml.safe_load((output / 'metadata.yaml').read_text())
+    about = information['rosbag2_bagfile_information']
+    assert [file['message_count'] for file in about['files']] == [100, 100, 100]
+    assert [file['path'] for file in about['files']] == about['relative_file_paths']
+    assert bag.load(output).attachments.keys() == {f'from {100 * k}.txt' for k in range(3)}
+    assert bag.info(output) == {'command': 'acc'}
+
+
+@pytest.mark.parametrize('has_checksum', [True, False])
+def test_a_damaged_chunk_in_a_closed_file_is_found(
+    killed_parts: Path, *, has_checksum: bool
+) -> None:
+    file = killed_parts / 'run_0.mcap'
+    content = bytearray(file.read_bytes())
+    content[content.index(b'zstd', len(content) // 4) + 30] ^= 1
+    if not has_checksum:  # as rosbag2's files are
+        place = content.rindex(bytes([15, 4, 0, 0, 0, 0, 0, 0, 0])) + 9
+        content[place : place + 4] = bytes(4)
+    file.write_bytes(content)
+    recovery = recover(killed_parts, killed_parts.with_name('whole'))
+    assert recovery.linked == 1
+    assert recovery.span.count == 290
+
+
+def test_a_last_file_without_any_message_is_left_out(killed_parts: Path) -> None:
+    (killed_parts / 'run_2.mcap').write_bytes(b'')
+    output = killed_parts.with_name('whole')
+    recovery = recover(killed_parts, output)
+    assert recovery.span.count == 200
+    assert {file.name for file in output.glob('*.mcap')} == {'whole_0.mcap', 'whole_1.mcap'}
+
+
+@pytest.mark.parametrize(
+    ('storage', 'compression'), [('sqlite3', ''), ('mcap', 'file'), ('mcap', 'message')]
+)
+def test_recover_makes_plain_mcap_of_what_is_compressed_or_in_sqlite3(
+    tmp_path: Path, storage: str, compression: str
+) -> None:
+    sent = [[Sent('/a', 10 * number + k, f'{k}') for k in range(10)] for number in range(2)]
+    path = write_bag(tmp_path / 'run', sent, storage=storage, compression=compression)
+    output = tmp_path / 'whole'
+    recovery = recover(path, output)
+    assert (recovery.linked, recovery.copied) == (0, 0)
+    data = [message.data for message in messages(output)]
+    assert data == [message.data for file in sent for message in file]
+    for number in range(2):
+        mcap_doctor.check(output / f'whole_{number}.mcap')
+    with AnyReader([output]) as reader:
+        assert reader.message_count == 20
+
+
+def test_a_file_of_a_split_bag_is_recovered_alone(killed_parts: Path) -> None:
+    last = killed_parts / 'run_2.mcap'
+    lines = printed('recover', str(last)).splitlines()
+    assert lines[-1] == str(killed_parts / 'run_2_recovered')
+    assert [message.number for message in messages(killed_parts / 'run_2_recovered')] == [
+        *range(200, 300)
+    ]
+
+
+def test_a_disk_without_space_for_copies_is_named(
+    killed_parts: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(18, 'Invalid cross-device link')
+
+    monkeypatch.setattr('os.link', refuse)
+    full = type('Usage', (), {'free': 1 << 20})
+    monkeypatch.setattr('barc_sim.bags.recovery.shutil.disk_usage', lambda _: full)
+    line = refused('recover', str(killed_parts))
+    assert 'cannot be copied' in line
+    assert 'only 1 MiB are free' in line
+    assert not killed_parts.with_name('run_recovered').exists()

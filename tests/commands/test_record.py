@@ -22,7 +22,7 @@ from std_msgs.msg import Float64, UInt8MultiArray
 
 from barc_sim.bags import reader as bag
 from barc_sim.bags.contents import Contents
-from barc_sim.bags.convert import recover
+from barc_sim.bags.recovery import recover
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

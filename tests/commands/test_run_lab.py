@@ -16,7 +16,7 @@ pytest.importorskip('rclpy')
 from command_line import barc, printed
 
 from barc_sim.bags import reader as bag
-from barc_sim.bags.convert import recover
+from barc_sim.bags.recovery import recover
 from barc_sim.simulation.metrics import summary
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from rclpy.node import Node
 
 from barc_sim.bags import reader as bag
 from barc_sim.bags.contents import Contents
-from barc_sim.bags.convert import recover
+from barc_sim.bags.recovery import recover
 from barc_sim.ros.recording.polled import Taker
 
 if TYPE_CHECKING:
