@@ -41,7 +41,8 @@ _COLUMNS = {
 _QOS = 'offered_qos_profiles'
 _HASH = 'type_description_hash'
 _SUPER_JOURNAL = bytes.fromhex('d9d505f920a163d7')  # ends a journal that names another file
-_STEPS = 100_000  # of sqlite, between two looks at the clock
+_STEPS = 100_000  # of sqlite, between two looks at what it has taken
+_STEPS_PER_BYTE = 4  # of the file, at most: a row takes 20 steps, and has 30 bytes with its index
 _MAX_ROW = 2**62
 _BLOCK = 16 << 20  # [B] copied at a time
 _RESERVE = 64 << 20  # [B] that a copy leaves free on its disk
@@ -76,6 +77,7 @@ class SqliteFile:
         self.span = Span()
         self._budget = budget
         self._topics: dict[int, Topic] = {}
+        self._turns = 0  # of `_STEPS`, that an opened database may still take
         try:
             with self._open() as database:
                 self._read_topics(database, bag)
@@ -137,15 +139,18 @@ class SqliteFile:
             uri = f'file:{quote(str(file))}{options}'
             database = sqlite3.connect(uri, uri=True, check_same_thread=False)
             end.enter_context(closing(database))
-            database.set_progress_handler(self._is_late, _STEPS)
+            self._turns = 10 + file.stat().st_size * _STEPS_PER_BYTE // _STEPS
+            database.set_progress_handler(self._takes_too_long, _STEPS)
             database.text_factory = _text
             database.execute('PRAGMA trusted_schema = OFF')
             database.execute('PRAGMA writable_schema = ON')  # reads a file whose end is missing
             database.execute('PRAGMA query_only = ON')
             yield database
 
-    def _is_late(self) -> bool:
-        return self._budget.is_late
+    def _takes_too_long(self) -> bool:
+        """Whether to interrupt sqlite: pages that refer to one another can have no end."""
+        self._turns -= 1
+        return self._turns < 0 or self._budget.is_late
 
     def _copy(self, source: Path, target: Path) -> None:
         """Copy or unpack a file; UserError: there is no space for it."""

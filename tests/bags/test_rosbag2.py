@@ -9,15 +9,20 @@ import tempfile
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
 import pytest
 import zstandard
 from command_line import printed, refused
+from made_bags import make
 from rosbag2_layouts import LAYOUTS, Sent, write_bag
 from rosbags.convert.converter import convert
 
+from barc_sim.bags import reader
 from barc_sim.bags.bag_files import files
 from barc_sim.bags.contents import Contents
+from barc_sim.bags.convert import log_of_fields
 from barc_sim.errors import UserError
+from barc_sim.simulation.closed_loop import closed_loop
 
 SECOND = 10**9
 START = 1_700_000_000 * SECOND
@@ -75,6 +80,30 @@ def test_a_split_bag_of_each_distribution_is_read_as_one(
     rows = (tmp_path / 'csv' / 'a.csv').read_text().splitlines()[1:]
     words = [row.rpartition(',')[2] for row in rows]
     assert words == [message.word for message in IN_ORDER if message.topic == '/a']
+
+
+LOG = closed_loop(distance=3.0)
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+@pytest.mark.parametrize('compression', [None, 'file', 'message'])
+def test_a_run_that_was_converted_reads_as_the_run(
+    tmp_path: Path, storage: str, compression: str | None
+) -> None:
+    run = make(tmp_path / 'run', LOG)
+    made = tmp_path / 'made'
+    packing = 'zstd' if compression else None
+    convert([run], made, storage, 9, packing, compression, None, None, (), (), (), ())
+    log = reader.read(made)
+    expected = reader.read(run)
+    for name in ('t', 'x', 'v_x', 'motor', 'theta_deg', 'proportional'):
+        np.testing.assert_array_equal(log.columns()[name], expected.columns()[name])
+    fields = {'v_x': '/z_vhcl.v_x', 'motor': '/ecu.motor'}
+    speeds = log_of_fields(made, fields).v_x
+    np.testing.assert_array_equal(speeds, log_of_fields(run, fields).v_x)
+    assert reader.newest(tmp_path) in {run, made}
+    shutil.rmtree(run)
+    assert reader.newest(tmp_path) == made
 
 
 def test_info_prints_each_file_of_a_split_bag(tmp_path: Path) -> None:
@@ -358,6 +387,33 @@ def test_a_database_that_computes_its_rows_is_refused(tmp_path: Path, statements
         database.executescript(statements)
     with pytest.raises(UserError, match=r'it has no table \'(topics|messages)\' of rosbag2'):
         Contents(tmp_path)
+
+
+def test_pages_that_refer_to_one_another_have_an_end(tmp_path: Path) -> None:
+    """Each of 16 pages refers 40 times to the next one: there would be 40^16 rows."""
+    path = write_bag(tmp_path / 'drive', [FILES[0]], storage='sqlite3')
+    (file,) = files(path)
+    with closing(sqlite3.connect(file)) as database:
+        database.execute('DROP INDEX timestamp_idx')
+        database.commit()
+        query = 'SELECT rootpage FROM sqlite_master WHERE name = "messages"'
+        (root,) = database.execute(query).fetchone()
+    content = bytearray(file.read_bytes())
+    leaf = content[4096 * (root - 1) : 4096 * root]
+    count = len(content) // 4096
+    for number in range(16):
+        child = (count + number + 2).to_bytes(4, 'big')
+        cells = b''.join(child + bytes([row]) for row in range(40))
+        begin = 4096 - len(cells)
+        head = bytes([5, 0, 0, 0, 40]) + begin.to_bytes(2, 'big') + b'\0' + child
+        pointers = b''.join((begin + 5 * row).to_bytes(2, 'big') for row in range(40))
+        page = (head + pointers).ljust(begin, b'\0') + cells
+        content += page
+    content += leaf
+    content[4096 * (root - 1) : 4096 * root] = content[4096 * count : 4096 * (count + 1)]
+    content[28:32] = (len(content) // 4096).to_bytes(4, 'big')
+    file.write_bytes(content)
+    assert 'unpacks to more than a recording of its size can hold' in refused('info', str(path))
 
 
 def test_a_link_in_the_folder_is_refused(tmp_path: Path) -> None:
