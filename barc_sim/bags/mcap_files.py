@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import sys
 import zlib
-from array import array
 from contextlib import contextmanager, suppress
 from io import BytesIO
 from itertools import islice
@@ -25,6 +24,7 @@ from mcap.records import Attachment, Channel, Chunk, Metadata, Schema, Statistic
 from barc_sim.bags import bounds
 from barc_sim.bags.bag_files import Damage, is_compressed, open_storage
 from barc_sim.bags.bounds import MAX_RECORD, Budget
+from barc_sim.bags.mcap_summary import HEADER, ChunkTable, read_summary, split
 from barc_sim.bags.mcap_writer import MAGIC
 from barc_sim.bags.messages import BagMessage
 from barc_sim.bags.metadata import METADATA_NAME, Span
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from barc_sim.bags.messages import Topic
 
 
-_HEADER = Struct('<BQ')  # of a record: opcode, length
 _MESSAGE = Struct('<HIQQ')  # channel, sequence number, times of reception and publication
 _TIMES = Struct('<QQ')  # begins a chunk: its first and last time of reception
 _CHANNEL = Struct('<H')  # begins an index of a chunk's messages of a channel
@@ -81,32 +80,54 @@ class McapFile:
     def __init__(self, path: Path, bag: FilledContents, budget: Budget, *, is_alone: bool) -> None:
         self.path = path
         self._is_alone = is_alone
-        self.has_summary = False
-        self.span = Span()
         self.damage = Damage()  #: `messages` adds the damage of chunks
         self._bag = bag
         self._budget = budget
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Topic] = {}
         self._whole = 0  # the end of the last whole record
-        self._chunk_starts = array('Q')  # [ns] first time of reception in each chunk
-        self._chunk_ends = array('Q')  # [ns] last time of reception
-        self._chunk_offsets = array('Q')  # [B]
-        #: The channels in each chunk by its indices; equal sets are stored once.
-        self._chunk_channels: list[frozenset[int]] = []
-        self._channel_sets: dict[frozenset[int], frozenset[int]] = {}
-        self._indexed_channels: set[int] = set()  # since the last chunk
+        self._chunks = ChunkTable()
         self._has_loose_messages = False  # in no chunk
-        self._channel_count: int | None = None  # of the whole file; None: unknown
-        self._statistics: Statistics | None = None
         self._has_checksum = False  # of all its data
+        self._forget_summary()
+        if not self._describe_by_summary():
+            self._forget_summary()
+            self._describe_by_records()
+
+    def _forget_summary(self) -> None:
+        self.has_summary = False
+        self.span = Span()
         #: The names of the files that are attached to it.
         self.attachment_names: list[str] = []
+        self._statistics: Statistics | None = None
+        self._channel_count: int | None = None  # of the whole file; None: unknown
+
+    def _describe_by_summary(self) -> bool:
+        """Add to the bag what the summary describes; return False if there is no whole one."""
+        if is_compressed(self.path):
+            return False
+        stream, size = open_storage(self.path)
+        with stream:
+            try:
+                self._check_magic(stream)
+                summary = read_summary(stream, size, self._budget)
+                for opcode, body in summary.records:
+                    self._add(opcode, body)
+            except UserError:
+                raise
+            except Exception:  # noqa: BLE001 (damage may raise anything)
+                return False
+
+        self._chunks = summary.chunks
+        self._has_checksum = summary.has_checksum
+        return True
+
+    def _describe_by_records(self) -> None:
+        """Add to the bag what all records describe, up to the file's damage."""
         with self._records(messages=False) as records:
             for opcode, body in records:
                 self._has_checksum |= opcode == Opcode.DATA_END and any(body[:4])
                 self._add(opcode, body)
-        self._end_chunk()
 
     def messages(self, start: int | None = None) -> Iterator[BagMessage]:
         """Yield the messages in the order of the file.
@@ -130,10 +151,7 @@ class McapFile:
         if start is None or self._has_loose_messages or not has_all_channels:
             return None
 
-        for offset, end in zip(self._chunk_offsets, self._chunk_ends, strict=True):
-            if end >= start:
-                return offset
-        return self._chunk_offsets[-1] if self._chunk_offsets else None
+        return self._chunks.offset_from(start)
 
     def blocks_before(
         self, end: int, wants: Callable[[Collection[int], int], bool]
@@ -152,14 +170,14 @@ class McapFile:
             yield self.messages()
             return
 
-        for number in reversed(range(len(self._chunk_offsets))):
-            begins_before = self._chunk_starts[number] < end
-            if begins_before and wants(self._topics_in(number), self._chunk_ends[number]):
-                yield self._messages_at(self._chunk_offsets[number])
+        for number in reversed(range(len(self._chunks))):
+            begins_before = self._chunks.starts[number] < end
+            if begins_before and wants(self._topics_in(number), self._chunks.ends[number]):
+                yield self._messages_at(self._chunks.offsets[number])
 
     def _topics_in(self, number: int) -> set[int]:
         """Return the identities of the topics in a chunk, or of all if it has no indices."""
-        channels = self._chunk_channels[number]
+        channels = self._chunks.channels[number]
         if not channels <= self._channels.keys():  # an unknown channel
             channels = frozenset()
         return {id(self._channels[channel]) for channel in channels or self._channels}
@@ -194,7 +212,7 @@ class McapFile:
             and not is_compressed(self.path)
             and not self._has_loose_messages
             and self._statistics is not None
-            and self._statistics.chunk_count == len(self._chunk_offsets)
+            and self._statistics.chunk_count == len(self._chunks)
             and self._statistics.message_count == sum(count for _, count in self.counted)
         )
         if not is_complete:
@@ -205,6 +223,8 @@ class McapFile:
             return False
         with self._records(messages=True) as records:
             for opcode, body in records:
+                if opcode == Opcode.MESSAGE:
+                    return False
                 if opcode == Opcode.CHUNK and not self._has_checksum:
                     self._unpacked(Chunk.read(ReadDataStream(BytesIO(body))))
         return not self.damage
@@ -263,9 +283,9 @@ class McapFile:
         checksum = zlib.crc32(MAGIC)  # of all data before the summary
         opcode = 0
         while opcode != Opcode.FOOTER:
-            header = stream.read(_HEADER.size)
-            opcode, length = _HEADER.unpack(header)
-            end += _HEADER.size + length
+            header = stream.read(HEADER.size)
+            opcode, length = HEADER.unpack(header)
+            end += HEADER.size + length
             max_length = self._budget.max_chunk if opcode in _OF_MESSAGES else MAX_RECORD
             if not opcode or end > size or length > max_length:
                 raise ValueError('record')
@@ -293,25 +313,16 @@ class McapFile:
     def _pass_over(self, stream: BinaryIO, opcode: int, length: int) -> None:
         """Pass over a record's body of `length` bytes; note places and channels of chunks."""
         if opcode == Opcode.CHUNK and length >= _TIMES.size:
-            self._end_chunk()
-            self._chunk_offsets.append(stream.tell() - _HEADER.size)
+            offset = stream.tell() - HEADER.size
             start, end = _TIMES.unpack(stream.read(_TIMES.size))
-            self._chunk_starts.append(start)
-            self._chunk_ends.append(end)
+            self._chunks.add(offset, start, end)
             length -= _TIMES.size
         elif opcode == Opcode.MESSAGE_INDEX and length >= _CHANNEL.size:
             (channel,) = _CHANNEL.unpack(stream.read(_CHANNEL.size))
-            self._indexed_channels.add(channel)
+            self._chunks.add_channel(channel)
             length -= _CHANNEL.size
         self._has_loose_messages |= opcode == Opcode.MESSAGE
         stream.seek(length, os.SEEK_CUR)
-
-    def _end_chunk(self) -> None:
-        """Keep the channels of the last chunk, whose indices follow it."""
-        if len(self._chunk_channels) < len(self._chunk_offsets):
-            channels = frozenset(self._indexed_channels)
-            self._chunk_channels.append(self._channel_sets.setdefault(channels, channels))
-        self._indexed_channels.clear()
 
     def _add(self, opcode: int, body: bytes) -> None:
         """Add a topic, metadata, an attached file or a time span to the bag; skip other records."""
@@ -348,7 +359,7 @@ class McapFile:
     def _in_chunk(self, chunk: Chunk) -> Iterator[BagMessage]:
         """Yield the messages of a chunk, up to its damage."""
         try:
-            for opcode, body in _split(self._unpacked(chunk)):
+            for opcode, body in split(self._unpacked(chunk)):
                 if opcode == Opcode.MESSAGE:
                     self._budget.charge()  # its bytes are charged with the chunk's
                     message = self._message(body)
@@ -398,18 +409,6 @@ def _check_texts(path: Path, metadata: dict[str, str]) -> None:
         if len(text) > bounds.MAX_TEXT:
             excess = f'{len(text)} characters of metadata {name[:40]!r}'
             bounds.refuse(path, excess, f'{bounds.MAX_TEXT}')
-
-
-def _split(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield opcode and body of each record in a chunk."""
-    end = 0
-    while end < len(data):
-        opcode, length = _HEADER.unpack_from(data, end)
-        start = end + _HEADER.size
-        end = start + length
-        if end > len(data):
-            raise ValueError('record')
-        yield opcode, data[start:end]
 
 
 def unpacked(data: bytes, max_size: int) -> bytes:

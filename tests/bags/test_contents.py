@@ -242,3 +242,31 @@ def test_a_definition_far_beyond_those_of_robots_is_refused(fields: str) -> None
     strange = Topic(name='/a', type='a/msg/B', definition=fields, type_hash='', offered_qos=[])
     with pytest.raises(ValueError, match=r'its (arrays|definition) ha'):
         types_of(strange)
+
+
+@pytest.mark.parametrize('flip', [-30, -60, -200, -400, -600])
+def test_a_damaged_summary_is_not_believed(ours: Path, tmp_path: Path, flip: int) -> None:
+    """What it describes is then found by a look at each record."""
+    content = bytearray((ours / 'ours_0.mcap').read_bytes())
+    content[flip] ^= 0x55
+    path = tmp_path / 'flipped_0.mcap'
+    path.write_bytes(content)
+    contents = Contents(path)
+    assert contents.metadata == {'command': 'test', 'lost_messages': '2'}
+    assert sum(1 for _ in contents.messages()) == 220
+    assert {topic.name for topic in contents.topics} == {'/a', '/b'}
+
+
+def test_a_whole_file_is_opened_without_a_look_at_its_chunks(ours: Path, tmp_path: Path) -> None:
+    content = bytearray((ours / 'ours_0.mcap').read_bytes())
+    place = content.index(b'zstd') - 41  # where a chunk begins
+    assert content[place] == 6
+    content[place : place + 9] = bytes(9)
+    path = tmp_path / 'holed_0.mcap'
+    path.write_bytes(content)
+    contents = Contents(path)
+    assert contents.metadata == {'command': 'test', 'lost_messages': '2'}
+    assert contents.span.count == 220  # as its summary states
+    contents.read_all()
+    assert contents.span.count == 0
+    assert contents.damages['holed_0.mcap'].unfinished
