@@ -96,6 +96,11 @@ class _Recoverer:
             else:
                 self._rewrite(file)
 
+        if not self._written:
+            raise UserError(
+                f'{str(self._contents.path)!r} has no message that can be read: name another bag'
+            )
+
         topics = [topic for topic in self._contents.topics if id(topic) in self._counts]
         counted = [(topic, self._counts[id(topic)]) for topic in topics]
         about = information(self._written, counted, self._contents.metadata)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 from urllib.parse import quote
 
+import zstandard
 from mcap.records import Channel, Schema
 from rosbags.typesys import Stores, get_typestore
 
@@ -82,7 +83,7 @@ class SqliteFile:
             with self._open() as database:
                 self._read_topics(database, bag)
                 self._read_span(database)
-        except (sqlite3.Error, TypeError) as error:
+        except sqlite3.Error as error:
             budget.charge(1)  # the time may be over
             self.damage.unfinished = True
             if is_alone and not self._topics:
@@ -108,7 +109,7 @@ class SqliteFile:
                         self.damage.unreadable_chunks += 1
                     elif topic is not None:
                         yield BagMessage(topic, data, received, received, 0)
-        except (sqlite3.Error, TypeError):
+        except sqlite3.Error:
             self._budget.charge(1)
             self.damage.unfinished = True
 
@@ -172,7 +173,12 @@ class SqliteFile:
                 raise sqlite3.DatabaseError('its journal names another file')
 
     def _block(self, stream: BinaryIO) -> bytes:
-        block = stream.read(_BLOCK)
+        """Return the next block of a file; it is empty at the end, or where it is damaged."""
+        block = b''
+        try:
+            block = stream.read(_BLOCK)
+        except zstandard.ZstdError:
+            self.damage.unfinished = True
         self._budget.charge(len(block))
         return block
 
@@ -199,16 +205,20 @@ class SqliteFile:
 
     def _read_definitions(self, database: sqlite3.Connection) -> dict[str, Schema]:
         """Return the definitions of types by name; none in a bag up to Humble."""
-        schemas = {}
-        with suppress(TypeError):
-            _check_columns(database, 'message_definitions')
-            columns = ', '.join(_COLUMNS['message_definitions'])
-            for row in database.execute(f'SELECT {columns} FROM message_definitions'):  # noqa: S608
-                kind, encoding, text = map(str, row)
-                self._budget.keep(text.encode(errors='replace'))
-                if text:
-                    data = text.encode(errors='surrogateescape')
-                    schemas[kind] = Schema(id=0, name=kind, encoding=encoding, data=data)
+        schemas: dict[str, Schema] = {}
+        table = 'message_definitions'
+        query = 'SELECT name FROM sqlite_master WHERE name = ?'
+        if not database.execute(query, [table]).fetchall():
+            return schemas
+
+        _check_columns(database, table)
+        columns = ', '.join(_COLUMNS[table])
+        for row in database.execute(f'SELECT {columns} FROM {table}'):  # noqa: S608
+            kind, encoding, text = map(str, row)
+            data = text.encode(errors='replace')
+            self._budget.keep(data)
+            if text:
+                schemas[kind] = Schema(id=0, name=kind, encoding=encoding, data=data)
         return schemas
 
     def _read_span(self, database: sqlite3.Connection) -> None:
@@ -216,8 +226,10 @@ class SqliteFile:
         _check_columns(database, 'messages')
         row = database.execute('SELECT min(timestamp), max(timestamp), count(*) FROM messages')
         start, end, count = row.fetchone()
-        if count:
-            self.span = Span(int(start), int(end), count)
+        if isinstance(start, int) and isinstance(end, int):
+            self.span = Span(start, end, count)
+        elif count:
+            raise sqlite3.DatabaseError('its times are no integers')
         self.has_summary = True
 
     def _rows(
@@ -251,11 +263,11 @@ class SqliteFile:
 
 
 def _text(data: bytes) -> str:
-    return data.decode(errors='surrogateescape')
+    return data.decode(errors='replace')
 
 
 def _check_columns(database: sqlite3.Connection, table: str) -> set[str]:
-    """Return the columns of a table; TypeError: it is none of rosbag2's, or computes its rows."""
+    """Return the columns of a table; DatabaseError: it computes its rows, or is not rosbag2's."""
     query = 'SELECT type, rootpage FROM sqlite_master WHERE name = ?'
     kind, page = database.execute(query, [table]).fetchone() or ('', 0)
     columns = set()
@@ -264,7 +276,7 @@ def _check_columns(database: sqlite3.Connection, table: str) -> set[str]:
         columns.add(name)
         is_computed |= bool(hidden)
     if kind != 'table' or not page or is_computed or not columns.issuperset(_COLUMNS[table]):
-        raise TypeError(f'it has no table {table!r} of rosbag2')
+        raise sqlite3.DatabaseError(f'it has no table {table!r} of rosbag2')
     return columns
 
 

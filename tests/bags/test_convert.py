@@ -398,6 +398,13 @@ def test_a_last_file_without_any_message_is_left_out(killed_parts: Path) -> None
     assert {file.name for file in output.glob('*.mcap')} == {'whole_0.mcap', 'whole_1.mcap'}
 
 
+def test_a_split_bag_without_any_message_is_refused(killed_parts: Path) -> None:
+    for file in killed_parts.iterdir():
+        file.write_bytes(b'')
+    assert 'has no message that can be read: name another' in refused('recover', str(killed_parts))
+    assert not killed_parts.with_name('run_recovered').exists()
+
+
 @pytest.mark.parametrize(
     ('storage', 'compression'), [('sqlite3', ''), ('mcap', 'file'), ('mcap', 'message')]
 )

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import random
 import shutil
 import sqlite3
 import tempfile
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from barc_sim.bags import reader
 from barc_sim.bags.bag_files import files
 from barc_sim.bags.contents import Contents
 from barc_sim.bags.convert import log_of_fields
+from barc_sim.bags.recovery import recover
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import closed_loop
 
@@ -387,6 +389,28 @@ def test_a_database_that_computes_its_rows_is_refused(tmp_path: Path, statements
         database.executescript(statements)
     with pytest.raises(UserError, match=r'it has no table \'(topics|messages)\' of rosbag2'):
         Contents(tmp_path)
+
+
+@pytest.mark.parametrize('compression', ['', 'file', 'message'])
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_any_damage_leaves_messages_or_one_sentence(
+    tmp_path: Path, storage: str, compression: str
+) -> None:
+    whole = write_bag(tmp_path / 'whole', FILES, storage=storage, compression=compression)
+    chance = random.Random(7)  # noqa: S311 (no secret)
+    for trial in range(15):
+        path = tmp_path / f'damaged {trial}'
+        shutil.copytree(whole, path)
+        for file in files(path):
+            content = bytearray(file.read_bytes())
+            for _ in range(chance.choice([0, 1, 20])):
+                content[chance.randrange(len(content))] = chance.randrange(256)
+            file.write_bytes(content[: chance.choice([len(content), chance.randrange(8000)])])
+        with suppress(UserError):
+            recover(path, tmp_path / f'recovered {trial}')
+            recovered = Contents(tmp_path / f'recovered {trial}')
+            recovered.read_all()
+            assert not recovered.damages
 
 
 def test_pages_that_refer_to_one_another_have_an_end(tmp_path: Path) -> None:
