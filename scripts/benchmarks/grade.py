@@ -39,7 +39,7 @@ def measure(options: argparse.Namespace) -> Figures:
     """Return the time of the class."""
     with tempfile.TemporaryDirectory(prefix='barc_sim_') as name:
         folder = Path(name)
-        _write_class(folder / 'class', options.count)
+        write_class(folder / 'class', options.count)
         command = ('-m', 'barc_sim', 'grade', 'class', '--jobs', str(options.jobs))
 
         start = time.perf_counter()
@@ -54,7 +54,7 @@ def measure(options: argparse.Namespace) -> Figures:
     return {'submissions': len(scores), 'jobs': options.jobs, 's': seconds, 'least': min(scores)}
 
 
-def _write_class(folder: Path, count: int) -> None:
+def write_class(folder: Path, count: int) -> None:
     """Write submissions that differ in a gain."""
     for number in range(count):
         student = folder / f'student_{number:03}'
