@@ -10,6 +10,7 @@ import argparse
 import inspect
 import re
 import sys
+import textwrap
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,33 +26,33 @@ from barc_sim.interfaces import topics as topic_names
 from barc_sim.interfaces.nodes import NODES
 from barc_sim.interfaces.services import SERVICE_TYPES
 from barc_sim.interfaces.topics import MESSAGE_TYPES
-from barc_sim.lab.labs.hills import BIKE, PID_LAW
-from barc_sim.lab.labs.identify import LAW as IDENTIFY
+from barc_sim.lab.grade.grade import load_rubric
+from barc_sim.lab.judge import FACTOR_LOSS, SIGN_LOSS, UNRELATED
+from barc_sim.lab.labs import hills, identify, lane, raceline
 from barc_sim.lab.labs.lane import CLASS as LANE_CLASS
-from barc_sim.lab.labs.lane import LAW as LANE
-from barc_sim.lab.labs.raceline import LAW as RACELINE
 from barc_sim.simulation.log import COLUMNS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
     from types import ModuleType
 
-    from barc_sim.lab.law import Law
+    from barc_sim.lab.judge import Functions
+    from barc_sim.lab.law import Law, Mistake
 
 DOCS = Path(__file__).parents[1]
 #: In the order in which they import one another.
 ROOMS = (
-    'errors', 'cli', 'interfaces', 'vehicle', 'control', 'simulation', 'tuning', 'learning', 'bags',
-    'figures', 'page', 'lab', 'ros', 'nodes', 'runs', 'commands',
+    'errors', 'cli', 'parallel', 'interfaces', 'vehicle', 'control', 'simulation', 'tuning', 'bags',
+    'figures', 'learning', 'page', 'lab', 'ros', 'nodes', 'runs', 'commands',
 )  # fmt: skip
 #: The files of students, and the laws that are judged in them.
 _LAWS: tuple[tuple[str, Law], ...] = (
-    ('bike_model.py', BIKE),
-    ('controller.py', PID_LAW),
-    ('lane.py', LANE),
+    ('bike_model.py', hills.BIKE),
+    ('controller.py', hills.PID_LAW),
+    ('lane.py', lane.LAW),
     ('lane.py', LANE_CLASS),
-    ('raceline.py', RACELINE),
-    ('identify.py', IDENTIFY),
+    ('raceline.py', raceline.LAW),
+    ('identify.py', identify.LAW),
 )
 _PART = re.compile(r'(<!-- generated: (\w+) -->\n).*?(<!-- end -->)', re.DOTALL)
 
@@ -232,22 +233,98 @@ def columns() -> Iterator[str]:
 
 
 def mistakes() -> Iterator[str]:
-    """Yield every sentence of the tables of mistakes, by file and what it is about."""
-    for title, sentences in _sentences_by_title().items():
+    """Yield every sentence of the tables of mistakes, by file and what it is about, with points."""
+    for title, points_by_sentence in _points_by_title().items():
         yield from (f'## {title}', '')
-        yield from (f'- {plain(sentence)}' for sentence in dict.fromkeys(sentences))
+        for sentence, points in points_by_sentence.items():
+            yield f'- {plain(sentence)}{_cost(points)}'
         yield ''
 
 
-def _sentences_by_title() -> dict[str, list[str]]:
-    """Return the sentences of the laws, in their order, with n for measured numbers."""
-    sentences: dict[str, list[str]] = {}
+def _points_by_title() -> dict[str, dict[str, list[float]]]:
+    """Return what each sentence of the laws costs, in their order, with n for measured numbers."""
+    by_title: dict[str, dict[str, list[float]]] = {}
     for file, law in _LAWS:
         for mistake in law.mistakes:
-            title = f'`{file}`: {mistake.topic.lower()}'
+            points_by_sentence = by_title.setdefault(f'`{file}`: {mistake.topic.lower()}', {})
             sentence = re.sub(r'\b(?<=last |over )\d+|\{.*?\}', 'n', mistake.sentence)
-            sentences.setdefault(title, []).append(sentence)
-    return sentences
+            points_by_sentence.setdefault(sentence, []).extend(_points_lost(law, mistake))
+    return by_title
+
+
+def _points_lost(law: Law, mistake: Mistake) -> list[float]:
+    """Return what a mistake alone costs with the usual rubric; empty if the laps decide it."""
+    judge_of: dict[int, tuple[Functions, str]] = {
+        id(hills.BIKE): (hills.FUNCTIONS, 'lab'),
+        id(lane.LAW): (lane.FUNCTIONS, 'lane'),
+        id(raceline.LAW): (raceline.FUNCTIONS, 'raceline'),
+        id(identify.LAW): (identify.FUNCTIONS, 'identify'),
+    }
+    if law is hills.PID_LAW:
+        rubric = load_rubric('lab')
+        seed = rubric.settings.seed
+        trials = [term.trial_with(mistake, seed) for term in hills.TERMS]
+        weights = {term.name: rubric.points[term.criterion] for term in hills.TERMS}
+        scores = hills.TERM_JUDGE.scores(trials, weights)
+    elif id(law) in judge_of:
+        judge, name = judge_of[id(law)]
+        rubric = load_rubric(name)
+        trials = judge.trials_with(mistake, rubric.settings.seed)
+        weights = {result: rubric.points[key] for result, key in judge.criteria.items()}
+        scores = judge.scores(trials, weights)
+    else:
+        return []
+    return [sum(weights[name] * (1.0 - result.score) for name, result in scores.items())]
+
+
+def _cost(points: Sequence[float]) -> str:
+    """Return what one sentence costs, from the least to the most, in brackets."""
+    if not points:
+        return ''
+    least = f'{min(points):.3g}'
+    most = f'{max(points):.3g}'
+    return f' ({least} points)' if least == most else f' ({least} to {most} points)'
+
+
+def losses() -> Iterator[str]:
+    """Yield how much of an equation a mistake costs, with examples of the model's equations."""
+    rubric = load_rubric('lab')
+    least = f'{hills.FUNCTIONS.min_loss:.0%}'
+    factor = f'{FACTOR_LOSS:.0%}'
+    sign = f'{SIGN_LOSS:.0%}'
+    term = f'{hills.TERM_JUDGE.min_loss:.0%}'
+    function = f'{raceline.FUNCTIONS.min_loss:.0%}'
+    text = (
+        f'- **By how wrong an equation is.** A wrong result costs at least {least} of its '
+        f'equation. A wrong factor of the whole change costs up to {factor}, and a wrong sign of '
+        f'it {sign}. A result that is missing, or whose error is {UNRELATED:.0%} of its size or '
+        'more, costs all of it. Where a single term is wrong, it depends on how many of the test '
+        f'cases show it. A known mistake costs at most {sign}. A wrong term of the PID costs at '
+        f'least {term} of it, a wrong function of Lab 4 at least {function}.'
+    )
+    yield from textwrap.wrap(text.replace('%', ' %'), 110, subsequent_indent='  ')
+    yield ''
+    yield f'  Examples, for the speed with its {rubric.points["model.v"]:g} points:'
+    rows = []
+    for beginning in _EXAMPLES:
+        mistake = next(one for one in hills.BIKE.mistakes if one.sentence.startswith(beginning))
+        (lost,) = _points_lost(hills.BIKE, mistake)
+        percent = 100.0 * lost / rubric.points['model.v']
+        rows.append((plain(mistake.sentence), f'{lost:.3g}', f'{percent:.0f} %'))
+    for line in table(('mistake', 'points', 'of the equation'), rows):
+        yield f'  {line}'.rstrip()
+
+
+#: Mistakes in the speed, by the beginning of their sentence.
+_EXAMPLES = (
+    'g is 9.81',
+    'air drag is missing',
+    'gravity speeds the car up uphill',
+    'gravity is missing',
+    'F_ext has the wrong sign',
+    'v falls, but must grow',
+    'v does not change',
+)
 
 
 def exports() -> Iterator[str]:
@@ -267,7 +344,9 @@ def _about(thing: object) -> str:
     return (inspect.getdoc(thing) or '').partition('\n\n')[0]
 
 
-_WRITERS = (commands, fields, topics, services, parameters, columns, mistakes, exports, rooms)
+_WRITERS = (
+    commands, fields, topics, services, parameters, columns, mistakes, losses, exports, rooms,
+)  # fmt: skip
 #: The functions that write the parts, by the names of these.
 PARTS: dict[str, Callable[[], Iterator[str]]] = {write.__name__: write for write in _WRITERS}
 
