@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     #: A user's function, arguments, and its right results for them.
     RightResults = tuple[str, list[list[Any]], list[list[float]]]
 
-_SAMPLE = 100  #: calls on which each mistake of a law is tried
 #: Relative to max(|expected|, 1): far above rounding errors, far below any mistake.
 _TOLERANCE = 1e-9
 
@@ -102,14 +101,12 @@ def _loss(got: Floats, right: Floats, scale: float) -> float:
 
 
 def _joined(trials: Sequence[Trial], name: str) -> Case:
-    """Return inputs and results of several trials in one array; at most about 100 calls."""
+    """Return inputs and results of several trials in one array."""
     got = np.concatenate([trial.got[name] for trial in trials])
-    step = max(len(got) // _SAMPLE, 1)
-    inputs = {}
-    for key in trials[0].inputs:
-        values = np.concatenate([trial.inputs[key] for trial in trials])
-        inputs[key] = values[::step]
-    return inputs, got[::step]
+    inputs = {
+        key: np.concatenate([trial.inputs[key] for trial in trials]) for key in trials[0].inputs
+    }
+    return inputs, got
 
 
 def _mean(losses: Sequence[float]) -> float:
