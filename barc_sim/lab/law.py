@@ -170,8 +170,8 @@ class Law:
         causes: dict[str, Mistake] = {}
         for mistake, names in names_by_mistake:
             for name in wrong:
-                is_open = name in names and name not in causes
-                if is_open and explains(mistake, name, cases[name]):
+                is_matched = name in names and name not in causes
+                if is_matched and explains(mistake, name, cases[name]):
                     causes[name] = mistake
         return causes
 
