@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import fcntl
 import hashlib
 import os
 import shutil
@@ -29,6 +28,8 @@ def provide_rosbag2_interfaces(cache: Path) -> dict[str, str]:
         return {}
     if not (_PROGRAMS / 'cmake').exists():
         pytest.skip('rosbag2_interfaces is not installed, and cannot be built')
+
+    import fcntl  # noqa: PLC0415 (not on Windows)
 
     prefix = cache / _digest()
     with (cache / 'lock').open('w', encoding='utf-8') as lock:

@@ -145,6 +145,7 @@ class BagRecorder(Node):
             max_size=recording.max_bag_size,
             max_duration=recording.max_bag_duration,
         )
+
         needs_cache = recording.snapshot_mode or not self._source.is_unlimited
         self._thread = WriterThread(
             self._writer,
@@ -155,10 +156,12 @@ class BagRecorder(Node):
             snapshot_mode=recording.snapshot_mode,
             on_warning=self._on_warning,
         )
+        # Settings, before it starts.
         self._thread.paused = recording.start_paused
         self._thread.use_sim_time = recording.use_sim_time
         self._thread.waits_for_clock = recording.use_sim_time
         self._thread.writes_clock = recording.wants(CLOCK, [MESSAGE_TYPES[CLOCK]])
+
         self._source.call_when_full(self._thread.write_now)
         self._thread.start()
 
@@ -285,7 +288,7 @@ class BagRecorder(Node):
         Raises
         ------
         UserError
-            That is impossible, and the recording goes on in the same file.
+            The disk refuses that now. The next file begins once the disk accepts data again.
         """
         self._thread.split()
 

@@ -86,9 +86,10 @@ class Rosbag2RecorderServices:
 
     def _publish_events(self) -> None:
         """Publish the event of each file that has ended since the last call."""
-        files = self._recorder.files
-        for index in range(self._file_count, len(files)):
-            self._event.closed_file = str(files[index - 1])
-            self._event.opened_file = str(files[index])
+        files = [file.absolute() for file in self._recorder.files]
+        # A file is made once the one before it is whole.
+        while self._file_count < len(files) and files[self._file_count].exists():
+            self._event.closed_file = str(files[self._file_count - 1])
+            self._event.opened_file = str(files[self._file_count])
             self._event_publisher.publish(self._event)
-        self._file_count = len(files)
+            self._file_count += 1
