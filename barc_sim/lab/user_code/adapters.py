@@ -19,7 +19,7 @@ from barc_sim.lab.files import POINTS
 from barc_sim.lab.user_code.code import UserCode, gains_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from barc_sim.control.lane import Curvature
@@ -59,9 +59,25 @@ class UserController(_OfUserObject, SpeedAdapter):
         gains = dict(zip(PID.gains, values, strict=True))
         super().__init__(self._new_pid, PID.gains, gains, PID.terms)
 
+    def __reduce__(self) -> tuple[Callable[..., UserController], tuple[UserCode, dict[str, Any]]]:
+        """Travel to another process with files, gains and limits; a run there begins with a reset.
+
+        Nothing of the user's runs before that, so that its error is that of the run.
+        """
+        kept = {'gains', 'terms', 'output_min', 'output_max', 'saturated', *self.gains, *self.terms}
+        state = {name: value for name, value in vars(self).items() if name in kept}
+        return _arrived_controller, (self._code, state)
+
     def _new_pid(self, **gains: float) -> UserObject:
         limits: Any = {'output_min': self.output_min, 'output_max': self.output_max}
         return self._code.new_pid(*gains.values(), **limits)
+
+
+def _arrived_controller(code: UserCode, state: dict[str, Any]) -> UserController:
+    """Return a controller that was sent to this process."""
+    controller = UserController.__new__(UserController)
+    vars(controller).update(state, _code=code, _new=controller._new_pid)  # noqa: SLF001 (its class)
+    return controller
 
 
 def controller_of(file: Path) -> UserController:

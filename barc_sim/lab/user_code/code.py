@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from barc_sim.lab.user_code.relay_program import RelayProgram
+    from barc_sim.lab.user_code.travel import SentCode
 
     Relay = Callable[..., Sequence[float]]  #: (linear_x, angular_z, dt=…) gives motor and servo
 
@@ -105,10 +106,39 @@ class UserCode:
                 self._folders[path.parent].tolerate(phrase)
 
         self._is_judged = is_judged
+        self._budget = budget
         self._requests = 0
         self._objects: dict[int, Callable[..., float]] = {}  # their steps, by the number of `make`
         self._now = 1000 * SECOND  # [ns] on the clock of an object that is judged
         self._loaded: dict[str, Any] = {}  # by part: a UserFunction or a RelayProgram
+        self._sent: SentCode | None = None  # the files that travel, once they have
+
+    def __reduce__(self) -> tuple[Callable[[SentCode], UserCode], tuple[SentCode]]:
+        """Travel to another process with the bytes of the files; there its printed text is dropped.
+
+        The files are loaded there when they are first used.
+        """
+        if self._sent is None:
+            self._sent = self._files_to_send()
+        return _arrived, (self._sent,)
+
+    def _files_to_send(self) -> SentCode:
+        """Return the files of all parts, and those that they import; other files stay here."""
+        from barc_sim.lab.user_code.travel import (  # noqa: PLC0415 (no submission needs it)
+            SentCode,
+            SentPart,
+            needed_files,
+        )
+
+        numbers = {path: number for number, path in enumerate(self._folders)}
+        parts = [
+            SentPart(part, numbers[path.parent], path.name) for part, path in self.paths.items()
+        ]
+        folders = []
+        for place, folder in self._folders.items():
+            paths = [path for path in self.paths.values() if path.parent == place]
+            folders.append(needed_files(folder, paths))
+        return SentCode(tuple(folders), tuple(parts), self._budget)
 
     def load(self) -> Self:
         """Load all parts now; return this object."""
@@ -394,6 +424,17 @@ class UserCode:
         if gains:
             gains = gains._replace(origin=gains.origin[-MAX_PLACE:])
         return {'gains': gains, 'tolerated': self.tolerated[:MAX_PHRASES]}
+
+
+def _arrived(sent: SentCode) -> UserCode:
+    """Return the user code of files that were sent to this process."""
+    from barc_sim.lab.user_code.travel import written  # noqa: PLC0415 (no submission needs it)
+
+    return UserCode(written(sent), budget=sent.budget, output=_drop)
+
+
+def _drop(_: str) -> None:
+    """Drop a printed text."""
 
 
 class UserObject:

@@ -237,6 +237,14 @@ class Folder:
             self.tolerate(f'{source.name}: {phrase}')
         return result.code
 
+    def files_of(self, name: str) -> list[Path]:
+        """Return the files of this folder's module or package `name`; empty if it has none."""
+        if name not in self._names:
+            return []
+        package = sorted((self.path / name).rglob('*.py'))
+        module = self.path / f'{name}.py'
+        return [module, *package] if module.is_file() else package
+
     def parse(self, file: Path) -> ast.Module:
         """Return the syntax tree of `file` without running it."""
         self._compiled(file)
