@@ -198,6 +198,9 @@ class McapFileWriter:
 
         # When the file is full.
         self._max_size = max_size
+        self._max_chunk_size = self._format.chunk_size  # [B], and no more than a file
+        if max_size:
+            self._max_chunk_size = min(self._max_chunk_size, max_size)
         self._max_duration = max_duration
         self._start: int | None = None  # [ns] the earliest message
 
@@ -294,7 +297,7 @@ class McapFileWriter:
 
         MCAP has no times before 1970, which another machine's clock may show: they become zero.
         """
-        chunk_size = self._format.chunk_size
+        max_chunk_size = self._max_chunk_size
         earliest, latest = self._accepted_times()
         for topic, data, received, published, number in messages:
             if received < 0 or published < 0:
@@ -307,7 +310,7 @@ class McapFileWriter:
 
             channel = self._channels.get(id(topic)) or self._channel_of(topic)
             self._chunk.add(channel, data, number & 0xFFFF_FFFF, received, published)
-            if self._chunk.size > chunk_size:
+            if self._chunk.size > max_chunk_size:
                 self.end_chunk()
                 earliest, latest = self._accepted_times()
         return None

@@ -96,13 +96,11 @@ def test_a_file_takes_no_message_after_it_has_its_maximum_size(directory: Path) 
     assert min(sizes[:-1]) >= 11_000
 
 
-def test_the_size_counts_what_chunks_have_and_a_chunk_is_never_divided(directory: Path) -> None:
-    writer = BagWriter(directory, max_size=1)
-    writer.write(message(number) for number in range(5))
-    writer.flush()
-    writer.write(message(number) for number in range(5, 7))
+def test_a_chunk_is_no_larger_than_a_file(directory: Path) -> None:
+    writer = BagWriter(directory, max_size=10_000)
+    writer.write(message(number, size=2000) for number in range(12))
     writer.close()
-    assert numbers_by_file(directory) == [[0, 1, 2, 3, 4], [5, 6]]
+    assert numbers_by_file(directory) == [[0, 1, 2, 3, 4], [5, 6, 7, 8, 9], [10, 11]]
 
 
 def test_a_file_takes_messages_up_to_its_maximum_duration(directory: Path) -> None:
