@@ -238,11 +238,6 @@ class McapFileWriter:
         return self._appender.size_on_disk < self._committed_size
 
     @property
-    def size(self) -> int:
-        """The size of the file [B] with all ended chunks."""
-        return self._appender.position
-
-    @property
     def size_on_disk(self) -> int:
         """The size of the file on the disk [B]; OSError: it was removed."""
         return self._appender.size_on_disk
