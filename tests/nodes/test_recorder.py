@@ -393,7 +393,7 @@ def test_the_feedback_of_an_action_is_recorded_with_its_definition(
     assert recorder.missing.left_out == {}
 
 
-def overridden(**policies: str | int) -> pytest.MarkDecorator:
+def overridden(**policies: object) -> pytest.MarkDecorator:
     """Return the mark of a test whose recorder subscribes to `value` with these policies."""
     return recording(qos_overrides={'/value': policies})
 
@@ -413,6 +413,30 @@ def test_an_override_replaces_what_the_publishers_offer(
     weak.publish(Float64(data=-1.0))
     values = [message.data for message in kept(recorder, '/value', Float64)]
     assert sorted(values) == [-1.0, *map(float, range(50))]
+
+
+@overridden(
+    history='keep_all',
+    depth=0,
+    reliability='reliable',
+    durability='transient_local',
+    deadline={'sec': 0, 'nsec': 0},
+    lifespan={'sec': 0, 'nsec': 0},
+    liveliness='automatic',
+    liveliness_lease_duration={'sec': 0, 'nsec': 0},
+    avoid_ros_namespace_conventions=False,
+)
+def test_a_whole_profile_with_a_queue_without_limit_is_taken(
+    recorder: BagRecorder, talker: Node
+) -> None:
+    latched = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    publisher = talker.create_publisher(Float64, 'value', latched)
+    for k in range(1000):
+        publisher.publish(Float64(data=float(k)))
+    recorder.discover()
+    wait_for(lambda: recorder.counts.get('/value') == 1000)
+    recorder.close()
+    assert recorder.missing.lost['/value'] == {}
 
 
 @overridden(durability='volatile')
