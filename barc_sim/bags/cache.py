@@ -18,12 +18,15 @@ OVERHEAD = 220
 class MessageQueue:
     """A queue of messages up to a size in memory; later messages are lost, and counted.
 
+    It takes all messages of a call or none: they are in memory already. Otherwise a queue that is
+    smaller than what comes in a call would lose messages, however fast they are taken out.
+
     Threads can share it.
 
     Parameters
     ----------
     max_size
-        Size [B] from which on it takes no message; 0: it takes all.
+        Size [B] from which on it takes no messages; 0: it takes all.
     """
 
     def __init__(self, max_size: int) -> None:
@@ -40,13 +43,18 @@ class MessageQueue:
     def put(self, messages: Iterable[MessageFields]) -> None:
         """Append messages."""
         with self._lock:
+            is_full = self._is_full
             for message in messages:
-                self._append(message)
+                if is_full:
+                    self._lose(message)
+                else:
+                    self._append(message)
+
+    @property
+    def _is_full(self) -> bool:
+        return 0 < self.max_size <= self._size
 
     def _append(self, message: MessageFields) -> None:
-        if self.max_size and self._size >= self.max_size:
-            self._lose(message)
-            return
         self._messages.append(message)
         self._size += _size(message)
 
@@ -71,6 +79,10 @@ class MessageQueue:
 
 class MessageRing(MessageQueue):
     """A queue that keeps the latest messages; it loses only a message that is larger than it."""
+
+    @property
+    def _is_full(self) -> bool:
+        return False
 
     def _append(self, message: MessageFields) -> None:
         size = _size(message)

@@ -23,7 +23,8 @@ def numbers(messages: list[tuple[object, bytes, int, int, int]]) -> list[int]:
 
 def test_what_a_full_queue_does_not_take_is_lost_by_topic() -> None:
     queue = MessageQueue(3 * SIZE)
-    queue.put(message(number) for number in range(6))
+    queue.put(message(number) for number in range(3))
+    queue.put(message(number) for number in range(3, 6))
     assert queue.lost == {'/value': 1, '/other': 2}
     assert numbers(queue.take()) == [0, 1, 2]
     queue.put([message(6)])
@@ -37,11 +38,12 @@ def test_messages_are_taken_in_order_and_in_parts() -> None:
     assert queue.take(SIZE) == []
 
 
-def test_a_queue_with_room_takes_a_message_that_is_larger_than_it() -> None:
+def test_a_queue_with_room_takes_all_messages_of_a_call() -> None:
     queue = MessageQueue(SIZE)
     queue.put([message(1, 10_000), message(2)])
-    assert numbers(queue.take()) == [1]
-    assert queue.lost == {'/value': 1}
+    queue.put([message(3)])
+    assert numbers(queue.take()) == [1, 2]
+    assert queue.lost == {'/other': 1}
 
 
 def test_a_queue_without_a_size_takes_all() -> None:

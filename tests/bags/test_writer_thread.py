@@ -290,9 +290,10 @@ def test_what_the_cache_cannot_take_is_lost_by_the_recorder(
     cached.start()
     source.put(0)
     assert disk.is_stalled.wait(30.0)
-    source.put(*range(1, 201))
-    wait_for(lambda: bool(warnings))
-    assert cached.unwritten == {'/value': 100}
+    source.put(*range(1, 101))
+    wait_for(lambda: not source)
+    source.put(*range(101, 201))
+    wait_for(lambda: cached.unwritten == {'/value': 100})
     disk.released.set()
     wait_for(lambda: recorded(tmp_path) == [*range(101)])
     source.put(*range(201, 211))
@@ -302,6 +303,16 @@ def test_what_the_cache_cannot_take_is_lost_by_the_recorder(
     assert not failures
     (warning,) = warnings
     assert warning.startswith('messages are lost, as the cache of 0.0')
+
+
+@pytest.mark.parametrize('cached', [{'cache_size': 10 * MESSAGE_SIZE}], indirect=True)
+def test_a_fast_disk_loses_nothing_that_is_larger_than_the_cache(
+    cached: WriterThread, source: Source, tmp_path: Path
+) -> None:
+    cached.start()
+    source.put(*range(1000))
+    wait_for(lambda: recorded(tmp_path) == [*range(1000)])
+    assert not cached.unwritten
 
 
 def test_without_a_cache_messages_wait_in_the_source(
