@@ -164,10 +164,12 @@ class McapFile:
             The time [ns]; a chunk can have later messages, too.
         wants
             Called with the identities of the topics that a chunk can have, and its last time
-            [ns]; it returns whether to read the chunk. A file without chunks is one block.
+            [ns]; it returns whether to read the chunk. A file without chunks, or one that has to
+            be unpacked from its beginning, is one block.
         """
-        if self._has_loose_messages:
-            yield self.messages()
+        if self._has_loose_messages or is_compressed(self.path):
+            if wants({id(topic) for topic in self._channels.values()}, end):
+                yield self.messages()
             return
 
         for number in reversed(range(len(self._chunks))):

@@ -114,12 +114,11 @@ class SqliteFile:
             self.damage.unfinished = True
 
     def blocks_before(
-        self,
-        end: int,
-        wants: Callable[[Collection[int], int], bool],  # noqa: ARG002 (the file is one block)
+        self, end: int, wants: Callable[[Collection[int], int], bool]
     ) -> Iterator[Iterator[BagMessage]]:
-        """Yield the messages before a time [ns], in one block."""
-        yield (message for message in self.messages() if message.received < end)
+        """Yield the messages before a time [ns] in one block, if it is wanted."""
+        if wants({id(topic) for topic in self._topics.values()}, end):
+            yield (message for message in self.messages() if message.received < end)
 
     @contextmanager
     def _open(self) -> Iterator[sqlite3.Connection]:

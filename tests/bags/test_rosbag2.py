@@ -84,6 +84,21 @@ def test_a_split_bag_of_each_distribution_is_read_as_one(
     assert words == [message.word for message in IN_ORDER if message.topic == '/a']
 
 
+@pytest.mark.parametrize(('distribution', 'storage', 'compression'), CASES)
+def test_every_message_before_a_time_is_in_a_block(
+    tmp_path: Path, distribution: str, storage: str, compression: str
+) -> None:
+    path = write_bag(tmp_path / 'drive', FILES, distribution, storage, compression)
+    end = IN_ORDER[17].received
+    contents = Contents(path)
+    blocks = [[*block] for block in contents.blocks_before(end, lambda *_: True)]
+    messages = [message for block in reversed(blocks) for message in block]
+    words = [message.data[8:].decode().rstrip('\0') for message in messages]
+    expected = [message.word for message in SENT if message.received < end]
+    assert [word for word in words if word in expected] == expected
+    assert not [*contents.blocks_before(end, lambda *_: False)]
+
+
 LOG = closed_loop(distance=3.0)
 
 
