@@ -78,7 +78,12 @@ class PlaybackControls:
             self._clock.stop()
 
     def set_rate(self, rate: float) -> bool:
-        """Set the parameter `rate`; return whether it is within its limits."""
+        """Set the parameter `rate`; return whether it is within its limits.
+
+        At the end of the playback nothing is set: the node may be destroyed.
+        """
+        if self._clock.is_stopped:
+            return False
         (result,) = self._node.set_parameters([Parameter(RATE.name, value=rate)])
         return bool(result.successful)
 

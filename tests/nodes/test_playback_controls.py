@@ -193,6 +193,12 @@ def test_keys_change_the_rate(play: Callable[..., Client]) -> None:
     client.player.controls.on_key('down')
     assert client.get('rate') == pytest.approx(1.1)
 
+    client.player.controls.on_key('quit')
+    client.until(client.player.finished.done)
+    client.player.destroy_node()
+    client.player.controls.on_key('up')
+    assert client.player.progress.endswith('paused')
+
 
 def test_the_playback_continues_at_a_time_with_what_latched_topics_hold(
     play: Callable[..., Client],
