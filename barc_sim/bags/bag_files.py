@@ -84,7 +84,9 @@ def _in_order(present: list[Path], names: list[str]) -> list[Path]:
     suffixes = {suffix_of(file) for file in named or present}
     suffix = MCAP if MCAP in suffixes else SQLITE
 
-    chosen: dict[str, Path] = {}  # by name without compression
+    # By name without compression. The last file of a name counts: one that is named, or else the
+    # one that is not compressed.
+    chosen: dict[str, Path] = {}
     for file in sorted(present, key=lambda file: (file.name in places, -len(file.name))):
         if suffix_of(file) == suffix:
             chosen[file.name.removesuffix(COMPRESSED)] = file
@@ -106,7 +108,7 @@ def _names_in_metadata(directory: Path) -> list[str]:
 
     Recorders up to Foxy wrote the name of the folder before it, or the whole path.
     """
-    with suppress(OSError, UserError, ValueError):
+    with suppress(OSError, UserError, ValueError, LookupError, TypeError):
         data = read_regular(directory / 'metadata.yaml', _MAX_METADATA, follow=False)
         # All other entries can be long, and are not needed.
         entry = _FILE_NAMES.search(decoded(data))

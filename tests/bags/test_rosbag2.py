@@ -194,6 +194,7 @@ ENTRY = '  relative_file_paths:\n'
         (['x_1.db3', 'x_0.db3.zstd'], None, ['x_0.db3.zstd', 'x_1.db3']),
         (['x_1.db3', 'x_0.db3'], '  relative_file_paths: {x_1.db3: 1}', ['x_0.db3', 'x_1.db3']),
         (['x_1.db3', 'x_0.db3'], '  relative_file_paths: [', ['x_0.db3', 'x_1.db3']),
+        (['x_1.db3', 'x_0.db3'], '  relative_file_paths:x', ['x_0.db3', 'x_1.db3']),
         (['.x_1.mcap', 'x_0.mcap', 'x_0.mcap.part', 'notes.txt'], None, ['x_0.mcap']),
     ],
 )
