@@ -251,3 +251,42 @@ def _span(messages: Sequence[Sent]) -> dict[str, Any]:
         'duration': {'nanoseconds': max(times) - min(times)},
         'message_count': len(times),
     }
+
+
+def write_bomb(folder: Path, suffix: str) -> None:
+    """Write a bag of one compressed file, which begins as one of MCAP and unpacks to 1.6 GB."""
+    folder.mkdir()
+    compressor = zstandard.ZstdCompressor().compressobj()
+    head = b'\x89MCAP0\r\n\x80' + (1 << 24).to_bytes(8, 'little')
+    record = bytes(1 << 24) + b'\x80' + (1 << 24).to_bytes(8, 'little')
+    parts = [compressor.compress(head)]
+    parts += [compressor.compress(record) for _ in range(100)]
+    parts.append(compressor.flush())
+    (folder / f'bomb_0.{suffix}.zstd').write_bytes(b''.join(parts))
+
+
+def write_endless_database(folder: Path) -> None:
+    """Write a bag in sqlite3 of 16 pages that refer 40 times to the next one: of 40^16 rows."""
+    write_bag(folder, [[Sent('/a', 1, 'word')]], storage='sqlite3')
+    file = folder / f'{folder.name}_0.db3'
+    with closing(sqlite3.connect(file)) as database:
+        database.execute('DROP INDEX timestamp_idx')
+        database.commit()
+        query = "SELECT rootpage FROM sqlite_master WHERE name = 'messages'"
+        (root,) = database.execute(query).fetchone()
+
+    size = 4096  # of a page
+    content = bytearray(file.read_bytes())
+    leaf = content[size * (root - 1) : size * root]
+    count = len(content) // size
+    for number in range(16):
+        child = (count + number + 2).to_bytes(4, 'big')
+        cells = b''.join(child + bytes([row]) for row in range(40))
+        begin = size - len(cells)
+        head = bytes([5, 0, 0, 0, 40]) + begin.to_bytes(2, 'big') + b'\0' + child
+        pointers = b''.join((begin + 5 * row).to_bytes(2, 'big') for row in range(40))
+        content += (head + pointers).ljust(begin, b'\0') + cells
+    content += leaf
+    content[size * (root - 1) : size * root] = content[size * count : size * (count + 1)]
+    content[28:32] = (len(content) // size).to_bytes(4, 'big')
+    file.write_bytes(content)

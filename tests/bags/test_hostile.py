@@ -16,6 +16,7 @@ import zstandard
 from command_line import ENVIRONMENT
 from made_bags import PARAMETERS, PERIOD, encoded, fill, make
 from mcap.writer import CompressionType, Writer
+from rosbag2_layouts import write_bomb, write_endless_database
 
 from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader
@@ -214,6 +215,18 @@ HOSTILE: dict[str, tuple[Callable[[Path], None], str]] = {
     'a large attachment': (large_attachment, 'is unfinished'),
     'long code': (long_code, ''),
     'an upright road': (upright, 'has a grade of'),
+    'a compressed file': (
+        lambda path: write_bomb(path, 'mcap'),
+        'unpacks to more than a recording of its size can hold',
+    ),
+    'a compressed database': (
+        lambda path: write_bomb(path, 'db3'),
+        'unpacks to more than a recording of its size can hold',
+    ),
+    'pages without end': (
+        write_endless_database,
+        'unpacks to more than a recording of its size can hold',
+    ),
 }
 
 

@@ -15,7 +15,7 @@ import pytest
 import zstandard
 from command_line import printed, refused
 from made_bags import make
-from rosbag2_layouts import LAYOUTS, Sent, write_bag
+from rosbag2_layouts import LAYOUTS, Sent, write_bag, write_bomb, write_endless_database
 from rosbags.convert.converter import convert
 
 from barc_sim.bags import reader
@@ -430,29 +430,8 @@ def test_any_damage_leaves_messages_or_one_sentence(
 
 
 def test_pages_that_refer_to_one_another_have_an_end(tmp_path: Path) -> None:
-    """Each of 16 pages refers 40 times to the next one: there would be 40^16 rows."""
-    path = write_bag(tmp_path / 'drive', [FILES[0]], storage='sqlite3')
-    (file,) = files(path)
-    with closing(sqlite3.connect(file)) as database:
-        database.execute('DROP INDEX timestamp_idx')
-        database.commit()
-        query = 'SELECT rootpage FROM sqlite_master WHERE name = "messages"'
-        (root,) = database.execute(query).fetchone()
-    content = bytearray(file.read_bytes())
-    leaf = content[4096 * (root - 1) : 4096 * root]
-    count = len(content) // 4096
-    for number in range(16):
-        child = (count + number + 2).to_bytes(4, 'big')
-        cells = b''.join(child + bytes([row]) for row in range(40))
-        begin = 4096 - len(cells)
-        head = bytes([5, 0, 0, 0, 40]) + begin.to_bytes(2, 'big') + b'\0' + child
-        pointers = b''.join((begin + 5 * row).to_bytes(2, 'big') for row in range(40))
-        page = (head + pointers).ljust(begin, b'\0') + cells
-        content += page
-    content += leaf
-    content[4096 * (root - 1) : 4096 * root] = content[4096 * count : 4096 * (count + 1)]
-    content[28:32] = (len(content) // 4096).to_bytes(4, 'big')
-    file.write_bytes(content)
+    path = tmp_path / 'drive'
+    write_endless_database(path)
     assert 'unpacks to more than a recording of its size can hold' in refused('info', str(path))
 
 
@@ -466,15 +445,9 @@ def test_a_link_in_the_folder_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('suffix', ['mcap', 'db3'])
 def test_a_compressed_file_that_unpacks_to_too_much_is_refused(tmp_path: Path, suffix: str) -> None:
-    compressor = zstandard.ZstdCompressor().compressobj()
-    head = b'\x89MCAP0\r\n\x80' + (1 << 24).to_bytes(8, 'little')
-    parts = [compressor.compress(head)]
-    record = bytes(1 << 24) + b'\x80' + (1 << 24).to_bytes(8, 'little')
-    parts += [compressor.compress(record) for _ in range(100)]
-    parts.append(compressor.flush())
-    file = tmp_path / f'a_0.{suffix}.zstd'
-    file.write_bytes(b''.join(parts))
-    assert 'unpacks to more than a recording of its size can hold' in refused('info', str(file))
+    path = tmp_path / 'bomb'
+    write_bomb(path, suffix)
+    assert 'unpacks to more than a recording of its size can hold' in refused('info', str(path))
 
 
 def test_a_disk_without_space_for_a_copy_is_named(
