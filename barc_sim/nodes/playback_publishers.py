@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from barc_sim.bags.messages import BagMessage, Topic
     from barc_sim.bags.playback_settings import Playback
     from barc_sim.nodes.playback_bags import PlaybackBags
+    from barc_sim.nodes.playback_clock import PlaybackClock
 
 _MATCHING = 1.0  #: [s] without a new subscription after which matching counts as complete
 _MAX_MATCHING = 5.0  #: [s]
@@ -109,15 +110,18 @@ class PlaybackPublishers:
         """Publish a message of one of `topics`, serialized as it is."""
         self._publishers[id(message.topic)].publish(message.data)
 
-    def wait_for_subscriptions(self) -> None:
-        """Wait until present subscriptions have matched: they would miss earlier messages."""
+    def wait_for_subscriptions(self, clock: PlaybackClock) -> None:
+        """Wait until present subscriptions have matched, or the `clock` is stopped.
+
+        Subscriptions that match later would miss the first messages.
+        """
         begin = time.monotonic()
         changed = begin
         is_alone = not others_here(self._node.context.get_domain_id())
         counts: list[int] = []
 
         now = begin
-        while now < changed + _MATCHING and now < begin + _MAX_MATCHING:
+        while now < min(changed + _MATCHING, begin + _MAX_MATCHING) and not clock.is_stopped:
             before = counts
             counts = [each.get_subscription_count() for each in self._publishers.values()]
             has_found_others = is_alone or len(self._node.get_node_names()) > 1

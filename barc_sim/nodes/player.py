@@ -155,7 +155,7 @@ class BagPlayer(Node):
         interval = sys.getswitchinterval()
         sys.setswitchinterval(_SWITCH)
         try:
-            self._topic_publishers.wait_for_subscriptions()
+            self._topic_publishers.wait_for_subscriptions(self._playback_clock)
             has_ended = self._play()
             while has_ended and self._playback.loop:
                 has_ended = self._play()

@@ -174,6 +174,17 @@ def test_the_service_stop_ends_the_playback(play: Callable[..., Client]) -> None
     assert client.player.failure is None
 
 
+def test_a_stop_does_not_wait_for_subscriptions(
+    play: Callable[..., Client], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ('_MATCHING', '_MAX_MATCHING'):
+        monkeypatch.setattr(f'barc_sim.nodes.playback_publishers.{name}', 1000.0)
+    client = play()
+    client.player.controls.on_key('quit')
+    client.until(client.player.finished.done)
+    assert client.player.played == 0
+
+
 def test_the_rate_is_a_parameter_that_counts_at_once(play: Callable[..., Client]) -> None:
     client = play(rate=0.001)
     client.until_played(0)
