@@ -25,7 +25,7 @@ class Playback(NamedTuple):
     loop: bool = False
     start_offset: float = 0.0  #: [s]; earlier messages of latched topics are published first, once
     duration: float | None = None  #: [s] of the bag to play from there; None: no limit
-    until: float | None = None  #: [s] since the epoch; with `duration`, the later end counts
+    until: int | None = None  #: [ns] since the epoch; with `duration`, the later end counts
     delay: float = 0.0  #: [s] to wait before the bag begins, each time
     start_paused: bool = False
     topics: Sequence[re.Pattern[str]] = ()  #: see `selected`
@@ -39,5 +39,5 @@ class Playback(NamedTuple):
         if self.duration is not None:
             ends.append(start + int(self.duration * 1e9))
         if self.until is not None:
-            ends.append(int(self.until * 1e9))
+            ends.append(self.until)
         return max(ends, default=None)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from barc_sim.bags.messages import CDR
 from barc_sim.bags.playback_settings import RATE, Playback
-from barc_sim.cli.parser import ROS_ARGS, accept_ros_args, add_bag, number, show
+from barc_sim.cli.parser import ROS_ARGS, accept_ros_args, add_bag, number, show, whole
 from barc_sim.cli.process import require_ros
 from barc_sim.errors import UserError
 from barc_sim.runs.recording_options import (
@@ -151,13 +151,21 @@ def add_arguments_play(parser: Parser) -> None:
         metavar='S',
         help='end after this time in the bag [s] (play to its end)',
     )
-    parser.add_argument(
+    until = parser.add_mutually_exclusive_group()
+    until.add_argument(
         '--playback-until-sec',
         dest='until',
-        type=number(0.0, _MAX_TIME),
+        type=_seconds_since_epoch,
         metavar='T',
         help='end at this time of the bag, since 1970 [s]; with --playback-duration, the later '
         'end counts',
+    )
+    until.add_argument(
+        '--playback-until-nsec',
+        dest='until',
+        type=whole(0, _MAX_TIME * 1e9),
+        metavar='T',
+        help='the same in nanoseconds',
     )
     parser.add_argument(
         '-d',
@@ -187,6 +195,11 @@ def add_arguments_play(parser: Parser) -> None:
         help=f"publish the bag's time on /clock, in place of its recorded /clock ({_CLOCK_RATE:g})",
     )
     accept_ros_args(parser)
+
+
+def _seconds_since_epoch(text: str) -> int:
+    """Return a time [s] of the command line in nanoseconds."""
+    return round(number(0.0, _MAX_TIME)(text) * 1e9)
 
 
 def run_play(options: Namespace) -> int:

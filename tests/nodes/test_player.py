@@ -238,8 +238,8 @@ def test_records_of_a_topic_with_another_qos_have_one_publisher_that_serves_all(
     [
         ({'duration': 0.5}, [*range(6)]),
         ({'start_offset': 0.2, 'duration': 0.3}, [2, 3, 4, 5]),
-        ({'until': 5.5}, [*range(6)]),
-        ({'until': 5.5, 'duration': 0.7}, [*range(8)]),  # the later end counts
+        ({'until': 5_500_000_000}, [*range(6)]),
+        ({'until': 5_500_000_000, 'duration': 0.7}, [*range(8)]),  # the later end counts
     ],
     ids=str,
 )
@@ -379,7 +379,7 @@ def test_what_cannot_be_played_is_one_sentence(ros: Context, bag: Path) -> None:
         UserError,
         match=r'would begin at 5\.500 s, after its end at 5\.400 s: give a later --playback',
     ):
-        BagPlayer([bag], Playback(start_offset=0.5, until=5.4), context=ros)
+        BagPlayer([bag], Playback(start_offset=0.5, until=5_400_000_000), context=ros)
     with pytest.raises(UserError, match=r"bag' with '.*bag' has 0\.900 s of messages"):
         BagPlayer([bag, bag], Playback(start_offset=1.0), context=ros)
     with pytest.raises(UserError, match='has no topic that can be played'):
