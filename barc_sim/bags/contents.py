@@ -14,7 +14,6 @@ from barc_sim.bags.bounds import Budget
 from barc_sim.bags.mcap_files import PACKED_MESSAGE, McapFile, unpacked
 from barc_sim.bags.messages import Topic
 from barc_sim.bags.metadata import Span
-from barc_sim.bags.sqlite import SqliteFile
 from barc_sim.cli.yaml_files import from_yaml
 
 if TYPE_CHECKING:
@@ -70,8 +69,15 @@ class Contents:
         self._budget = Budget(paths, timed=timed)
         self.files: list[BagFile] = []
         for file in paths:
-            kind = SqliteFile if suffix_of(file) == SQLITE else McapFile
-            self.files.append(kind(file, self, self._budget, is_alone=len(paths) == 1))
+            self.files.append(self._open(file, is_alone=len(paths) == 1))
+
+    def _open(self, file: Path, *, is_alone: bool) -> BagFile:
+        """Return a file of the bag, whose topics are added."""
+        if suffix_of(file) != SQLITE:
+            return McapFile(file, self, self._budget, is_alone=is_alone)
+        from barc_sim.bags.sqlite import SqliteFile  # noqa: PLC0415 (15 ms, for few bags)
+
+        return SqliteFile(file, self, self._budget, is_alone=is_alone)
 
     @property
     def spans(self) -> list[Span]:
