@@ -119,9 +119,14 @@ def _names_in_metadata(directory: Path) -> list[str]:
 
 
 def side_files(file: Path) -> list[Path]:
-    """Return what a killed recorder left beside a database: its write-ahead log, its journal."""
+    """Return what a killed recorder left beside a database: its write-ahead log, its journal.
+
+    rosbag2 also leaves empty ones, which change nothing.
+    """
+    if suffix_of(file) != SQLITE:
+        return []
     beside = [file.with_name(file.name + suffix) for suffix in _SIDE_SUFFIXES]
-    return [each for each in beside if suffix_of(file) == SQLITE and each.is_file()]
+    return [each for each in beside if each.is_file() and each.lstat().st_size > 0]
 
 
 class OpenFile(NamedTuple):

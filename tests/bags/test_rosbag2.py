@@ -297,6 +297,16 @@ def test_what_a_killed_recorder_left_in_its_write_ahead_log_is_read(tmp_path: Pa
     assert not [*Path(tempfile.gettempdir()).glob('barc_*/live_0.db3')]
 
 
+def test_an_empty_write_ahead_log_costs_no_copy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_bag(tmp_path / 'drive', FILES, storage='sqlite3')
+    for file in files(path):
+        file.with_name(file.name + '-wal').touch()
+    monkeypatch.setattr('barc_sim.bags.sqlite.SqliteFile._copy', None)
+    assert received(path) == IN_ORDER
+
+
 def test_a_transaction_that_a_killed_recorder_did_not_end_is_rolled_back(tmp_path: Path) -> None:
     path, database = database_in(tmp_path / 'live', 5000, 'cache_size = 10')
     with closing(database):
