@@ -84,6 +84,8 @@ LAYOUTS = {
     'jazzy in development': Layout(8),
     'jazzy': Layout(9),
 }
+#: What a user has added with --custom-data, from Iron on.
+CUSTOM_DATA = {'driver': 'Zoë', 'notes': 'wet road\n\nsecond lap'}
 WORDS = 'std_msgs/msg/String'
 HASH = 'RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18'
 
@@ -238,7 +240,7 @@ def _information(
             {'path': name, **_span(file)} for name, file in zip(names, files, strict=True)
         ]
     if version >= 6:
-        information['custom_data'] = None
+        information['custom_data'] = CUSTOM_DATA
     if version >= 8:
         information['ros_distro'] = 'jazzy'
     return information

@@ -34,9 +34,9 @@ SQLITE = '.db3'  #: suffix of a database of sqlite3
 COMPRESSED = '.zstd'  #: what rosbag2 adds to the name of a file that it has compressed
 _SIDE_SUFFIXES = ('-wal', '-journal')
 _MAX_METADATA = 16 << 20  # bytes of metadata.yaml
-#: The entry with the names of the files: its line, and all lines that are indented more, or begin
+#: An entry of metadata.yaml: its line, and all lines that are empty, are indented more, or begin
 #: with the `-` of a list.
-_FILE_NAMES = re.compile(r'^( *)relative_file_paths:.*\n?(?:\1[ -].*\n?)*', re.MULTILINE)
+_ENTRY = r'^( *){name}:.*\n?(?:\n|\1[ -].*\n?)*'
 
 
 def files(path: Path) -> list[Path]:
@@ -108,14 +108,35 @@ def _names_in_metadata(directory: Path) -> list[str]:
 
     Recorders up to Foxy wrote the name of the folder before it, or the whole path.
     """
+    names = _entry_of_metadata(directory, 'relative_file_paths')
+    if not isinstance(names, list):
+        return []
+    return [PureWindowsPath(str(name)).name for name in names]
+
+
+def custom_data(path: Path) -> dict[str, str]:
+    """Return what the user of rosbag2 has added to metadata.yaml; nothing if it cannot be read.
+
+    Parameters
+    ----------
+    path
+        The bag's directory, or one of its files, which has none.
+    """
+    entries = _entry_of_metadata(path, 'custom_data')
+    if not isinstance(entries, dict):
+        return {}
+    return {str(name): str(text) for name, text in entries.items()}
+
+
+def _entry_of_metadata(directory: Path, name: str) -> object:
+    """Return an entry of metadata.yaml, without the others, which can be long; None: unreadable."""
     with suppress(OSError, UserError, ValueError, LookupError, TypeError):
         data = read_regular(directory / 'metadata.yaml', _MAX_METADATA, follow=False)
-        # All other entries can be long, and are not needed.
-        entry = _FILE_NAMES.search(decoded(data))
-        names = from_yaml(dedent(entry[0]))['relative_file_paths'] if entry else []
-        if isinstance(names, list):
-            return [PureWindowsPath(str(name)).name for name in names]
-    return []
+        entry = re.search(_ENTRY.format(name=name), decoded(data), re.MULTILINE)
+        if entry:
+            value: object = from_yaml(dedent(entry[0]))[name]
+            return value
+    return None
 
 
 def side_files(file: Path) -> list[Path]:

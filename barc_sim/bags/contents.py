@@ -9,7 +9,7 @@ from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.bags import bounds
-from barc_sim.bags.bag_files import SQLITE, files, suffix_of
+from barc_sim.bags.bag_files import SQLITE, custom_data, files, suffix_of
 from barc_sim.bags.bounds import Budget
 from barc_sim.bags.mcap_files import PACKED_MESSAGE, McapFile, unpacked
 from barc_sim.bags.messages import Topic
@@ -48,7 +48,7 @@ class Contents:
     files
         The bag's files.
     metadata, attachments
-        The run's metadata, and the attached files by name.
+        The run's metadata, or else rosbag2's custom data, and the attached files by name.
 
     Raises
     ------
@@ -70,6 +70,8 @@ class Contents:
         self.files: list[BagFile] = []
         for file in paths:
             self.files.append(self._open(file, is_alone=len(paths) == 1))
+        if not self.metadata:
+            self.metadata.update(custom_data(path))
 
     def _open(self, file: Path, *, is_alone: bool) -> BagFile:
         """Return a file of the bag, whose topics are added."""

@@ -13,7 +13,7 @@ from command_line import printed, refused
 from made_bags import VALUE
 from mcap.reader import SeekingReader
 from mcap.writer import Writer
-from rosbag2_layouts import Sent, write_bag
+from rosbag2_layouts import CUSTOM_DATA, Sent, write_bag
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
@@ -422,6 +422,8 @@ def test_recover_makes_plain_mcap_of_what_is_compressed_or_in_sqlite3(
         mcap_doctor.check(output / f'whole_{number}.mcap')
     with AnyReader([output]) as reader:
         assert reader.message_count == 20
+    information = yaml.safe_load((output / 'metadata.yaml').read_text())
+    assert information['rosbag2_bagfile_information']['custom_data'] == CUSTOM_DATA
 
 
 def test_a_file_of_a_split_bag_is_recovered_alone(killed_parts: Path) -> None:

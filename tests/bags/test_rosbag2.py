@@ -15,7 +15,14 @@ import pytest
 import zstandard
 from command_line import printed, refused
 from made_bags import make
-from rosbag2_layouts import LAYOUTS, Sent, write_bag, write_bomb, write_endless_database
+from rosbag2_layouts import (
+    CUSTOM_DATA,
+    LAYOUTS,
+    Sent,
+    write_bag,
+    write_bomb,
+    write_endless_database,
+)
 from rosbags.convert.converter import convert
 
 from barc_sim.bags import reader
@@ -70,6 +77,8 @@ def test_a_split_bag_of_each_distribution_is_read_as_one(
     assert described['damages'] == {}
     assert described['duration'] == 3.0
     assert {topic['type'] for topic in described['topics']} == {'std_msgs/msg/String'}
+    has_custom_data = LAYOUTS[distribution].version >= 6
+    assert described['metadata'] == (CUSTOM_DATA if has_custom_data else {})
     spans = described['file_spans']
     assert [*spans] == [file.name for file in files(path)]
     assert [span['messages'] for span in spans.values()] == [10, 10, 10]
