@@ -14,6 +14,7 @@ from barc_sim.cli.parser import barc_path, number, show, whole
 from barc_sim.control.cruise_control import PROFILE, SPEED
 from barc_sim.control.speed import ACCELERATION_LIMIT, KD, KI, KP, NO_LIMIT
 from barc_sim.errors import UserError, escaped
+from barc_sim.parallel.options import add_executor_options, interruptible_executor_of
 from barc_sim.simulation.scenario import LIMITS, Scenario
 from barc_sim.tuning import DISTANCE
 from barc_sim.tuning import SPEED as TUNED_SPEED
@@ -23,12 +24,14 @@ from barc_sim.vehicle.parameters import ROWS
 if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Callable, Sequence
+    from concurrent.futures import Executor
 
     import numpy as np
     from numpy.typing import NDArray
 
     from barc_sim.cli.parser import Parser
     from barc_sim.tuning.sweep import Sweep
+    from barc_sim.vehicle.road import Road
 
     Floats = NDArray[np.float64]
 
@@ -103,6 +106,7 @@ def add_arguments_tune(parser: Parser) -> None:
     parser.add_argument(
         '--controller', type=Path, metavar='FILE', help='tune the class PID of this file'
     )
+    add_executor_options(parser, 'processes', 'this one, whose compiled runs use all cores')
 
 
 def run_tune(options: Namespace) -> None:
@@ -113,9 +117,12 @@ def run_tune(options: Namespace) -> None:
     from barc_sim.lab.user_code.adapters import controller_of  # noqa: PLC0415
     from barc_sim.tuning.search import search  # noqa: PLC0415
     from barc_sim.tuning.sweep import sweep  # noqa: PLC0415
+    from barc_sim.vehicle.road import Road  # noqa: PLC0415
 
     began = time.monotonic()
-    roads = options.road or ['lab']
+    names = options.road or ['lab']
+    # Read before the working directory changes.
+    roads = {name: Road.named(name) for name in names}
     ranges = [getattr(options, f'{gain}_range') for gain in GAINS]
     for gain, (first, last) in zip(GAINS, ranges, strict=True):
         if first > last:
@@ -127,9 +134,10 @@ def run_tune(options: Namespace) -> None:
     # As in a run: a user's controller limits its output itself.
     limit = NO_LIMIT if controller else ACCELERATION_LIMIT
 
-    def scores(gains: Floats, road: str) -> Sweep:
+    def scores(gains: Floats, road: Road, executor: Executor | None) -> Sweep:
         return sweep(
             *gains.T,
+            executor=executor,
             controller=controller,
             road=road,
             speed_reference=options.speed,
@@ -147,35 +155,35 @@ def run_tune(options: Namespace) -> None:
 
     start = np.array([getattr(controller, name, first) for name, (first, _) in GAINS.items()])
 
-    def mean_cost(gains: Floats) -> Floats:
-        mean: Floats = np.mean([cost(scores(gains, road)) for road in roads], axis=0)
-        return mean
+    with (
+        interruptible_executor_of(options) as executor,
+        Console(stderr=True).status('searching'),
+    ):
 
-    with Console(stderr=True).status('searching'):
-        best = search(
-            mean_cost,
-            lows,
-            highs,
-            start,
-            seed=options.seed,
-        )
-    if not np.isfinite(best.cost):
-        raise UserError(
-            f'no gains in these ranges drive {options.distance:g} m on every road within three '
-            'times the usual time: widen the ranges, or choose roads that the car can climb'
-        )
+        def mean_cost(gains: Floats) -> Floats:
+            costs = [cost(scores(gains, roads[name], executor)) for name in names]
+            mean: Floats = np.mean(costs, axis=0)
+            return mean
 
-    name = options.cost
+        best = search(mean_cost, lows, highs, start, seed=options.seed)
+        if not np.isfinite(best.cost):
+            raise UserError(
+                f'no gains in these ranges drive {options.distance:g} m on every road within three '
+                'times the usual time: widen the ranges, or choose roads that the car can climb'
+            )
+        both = np.array([start, best.gains])
+        compared = {name: scores(both, road, executor) for name, road in roads.items()}
+
+    label = f'cost: {options.cost}'
     if options.effort:
-        name += f' + {options.effort:g} effort'
-    for road in roads:
-        both = scores(np.array([start, best.gains]), road)
-        _print_scores(road, both, f'cost: {name}', cost(both))
+        label += f' + {options.effort:g} effort'
+    for name in names:
+        _print_scores(name, compared[name], label, cost(compared[name]))
 
     took = time.monotonic() - began
     print(f'{best.evaluations} closed loops per road in {took:.1f} s; to run it:')  # noqa: T201
-    for road in roads:
-        print(_command(options, best.gains.tolist(), road))  # noqa: T201
+    for name in names:
+        print(_command(options, best.gains.tolist(), name))  # noqa: T201
 
 
 def _command(options: Namespace, gains: Sequence[float], road: str) -> str:

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.parser import whole
+from barc_sim.cli.parser import show, whole
+from barc_sim.cli.process import StopSignals
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from concurrent.futures import Executor
     from contextlib import AbstractContextManager
 
     from barc_sim.cli.parser import Parser
 
 
-def add_executor_options(parser: Parser, what: str) -> None:
+def add_executor_options(parser: Parser, what: str, default: str = 'one for each core') -> None:
     """Add `--jobs` and `--scheduler`; `what` is done at once, in the plural."""
     group = parser.add_mutually_exclusive_group()
-    group.add_argument(
-        '--jobs', type=whole(1), metavar='N', help=f'{what} at once (one for each core)'
-    )
+    group.add_argument('--jobs', type=whole(1), metavar='N', help=f'{what} at once ({default})')
     group.add_argument(
         '--scheduler',
         metavar='ADDRESS',
@@ -43,3 +43,26 @@ def executor_of(
     from barc_sim.parallel.processes import processes  # noqa: PLC0415 (slow: not for --help)
 
     return processes(options.jobs)
+
+
+@contextmanager
+def interruptible_executor_of(options: Namespace) -> Iterator[Executor | None]:
+    """Give the executor that `--jobs` or `--scheduler` ask for; None if there is neither option.
+
+    Within the block, a signal that ends the process makes the results of calls raise
+    KeyboardInterrupt. The executor has closed when that leaves this block.
+    """
+    if not (options.jobs or options.scheduler):
+        yield None
+        return
+
+    from barc_sim.parallel.interruptible import InterruptibleExecutor  # noqa: PLC0415 (slow)
+
+    try:
+        with executor_of(options) as executor, StopSignals() as stop:
+            shared = InterruptibleExecutor(executor)
+            stop.then(shared.interrupt)
+            yield shared
+    except KeyboardInterrupt:
+        show(f'barc {options.argv[0]}: interrupted', error=True)
+        raise

@@ -60,6 +60,7 @@ class LocalProcesses(Executor):
         self._lock = threading.RLock()
         self._pool = self._new_pool()
         self._again: deque[_Call] = deque()  # to be made again; the first one is being made
+        self._has_ended = False
 
     def _new_pool(self) -> ProcessPoolExecutor:
         # New processes: a fork would copy the locks of other threads, but not the threads.
@@ -100,12 +101,12 @@ class LocalProcesses(Executor):
         with self._lock:
             if isinstance(error, BrokenExecutor):
                 call.ends += 1
-                if call.ends < _MOST_ENDS:
+                if call.ends < _MOST_ENDS and not self._has_ended:
                     self._make_again(call)
                     return
             if self._again and self._again[0] is call:
                 self._again.popleft()
-                if self._again:
+                if self._again and not self._has_ended:
                     self._make(self._again[0])
 
         if not call.future.set_running_or_notify_cancel():
@@ -125,7 +126,12 @@ class LocalProcesses(Executor):
             self._make(call)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes, as `ProcessPoolExecutor.shutdown` does."""
+        """End the processes, as `ProcessPoolExecutor.shutdown` does; no call is made again."""
+        with self._lock:
+            self._has_ended = True
+            waiting = [*self._again]
+        for call in waiting:
+            call.future.cancel()
         self._pool.shutdown(wait=wait, cancel_futures=cancel_futures)
 
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import shlex
+import signal
+from contextlib import suppress
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from command_line import printed, refused
+from command_line import ENVIRONMENT, printed, refused, started, wait_for
 
 from barc_sim.__main__ import main as barc
 from barc_sim.__main__ import parse
@@ -18,8 +22,6 @@ from barc_sim.simulation.metrics import summary
 from barc_sim.tuning import search
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     Capture = pytest.CaptureFixture[str]
 
 #: A small search.
@@ -129,3 +131,90 @@ def _row(out: str, label: str) -> list[str]:
 )
 def test_tune_refuses_a_mistake_in_one_sentence(args: list[str], complaint: str) -> None:
     assert complaint in refused('tune', *QUICK, *args)
+
+
+#: A controller of two files.
+_FILES = {
+    'controller.py': (
+        'from law import law\n'
+        'class PID:\n'
+        '    def __init__(self, kp, ki, kd): self.kp = kp\n'
+        '    def acc_calculate(self, r, v): return law(self.kp, r - v)\n'
+    ),
+    'law.py': 'def law(kp, error): return kp * error\n',
+}
+#: Options of a search that takes a user's controller.
+_P_ONLY = ('--distance', '20', '--ki-range', '0', '0', '--kd-range', '0', '0')
+
+
+def without_duration(out: str) -> list[str]:
+    """Return the lines of a search, but for the one with its duration."""
+    return [line for line in out.splitlines() if ' closed loops per road in ' not in line]
+
+
+def test_processes_find_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # where the road is
+    (tmp_path / 'hill.csv').write_text('start_m,grade_deg\n0,0\n15,8\n')
+    words = ['tune', *QUICK, '--road', 'hill.csv', 'flat', '--noise', '0.1']
+    alone = without_duration(printed(*words))
+    assert without_duration(printed(*words, '--jobs', '2')) == alone
+    assert alone[0].startswith('road hill.csv')
+
+
+def test_processes_find_the_same_for_a_users_controller(tmp_path: Path) -> None:
+    for name, text in _FILES.items():
+        (tmp_path / name).write_text(text)
+    words = ['tune', *_P_ONLY, '--controller', str(tmp_path / 'controller.py')]
+    alone = without_duration(printed(*words))
+    assert without_duration(printed(*words, '--jobs', '2')) == alone
+
+
+def test_a_controller_that_fails_on_a_worker_is_refused_in_the_same_sentence(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / 'controller.py'
+    path.write_text(_FILES['controller.py'].replace('law(self.kp, r - v)', '1.0 / (v - v)'))
+    (tmp_path / 'law.py').write_text(_FILES['law.py'])
+    words = ('tune', *_P_ONLY, '--controller', str(path))
+    here = refused(*words)
+    assert 'controller.py, line 4' in here
+    assert refused(*words, '--jobs', '1') == here
+
+
+def processes_of(session: int) -> list[str]:
+    """Return the processes of a session, but for its leader."""
+    numbers = []
+    for entry in Path('/proc').glob('[0-9]*'):
+        with suppress(OSError):
+            if os.getsid(int(entry.name)) == session != int(entry.name):
+                numbers.append(entry.name)
+    return numbers
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_the_search_and_its_workers(tmp_path: Path) -> None:
+    begun = tmp_path / 'begun'
+    (tmp_path / 'tmp').mkdir()
+    (tmp_path / 'controller.py').write_text(
+        'import pathlib, time\n'
+        'class PID:\n'
+        '    def __init__(self, kp, ki, kd): pass\n'
+        '    def acc_calculate(self, r, v):\n'
+        f'        pathlib.Path({str(begun)!r}).touch()\n'
+        '        time.sleep(0.5)\n'
+        '        return 0.0\n'
+    )
+    with started(
+        *('tune', *_P_ONLY, '--controller', 'controller.py', '--jobs', '2'),
+        cwd=tmp_path,
+        env=os.environ | ENVIRONMENT | {'TMPDIR': str(tmp_path / 'tmp')},
+        start_new_session=True,
+    ) as process:
+        wait_for(begun.exists)
+        os.killpg(process.pid, signal.SIGINT)
+        out, errors = process.communicate(timeout=200)
+        wait_for(lambda: not processes_of(process.pid))
+
+    assert (process.returncode, out) == (130, '')
+    assert errors == 'barc tune: interrupted\n'
+    assert not [*(tmp_path / 'tmp').iterdir()]

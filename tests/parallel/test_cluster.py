@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from cluster_work import refuse, square_slowly
-from command_line import refused, wait_for
+from command_line import printed, refused, wait_for
 from user_files import CONTROLLER, MODEL, PLAIN_CONTROLLER, PLAIN_MODEL
 
 from barc_sim import sweep
@@ -122,6 +122,18 @@ def test_a_class_on_a_cluster_has_the_same_reports_though_a_worker_ends(
     assert barc([*remote, '--scheduler', machines.address]) == 0
     assert barc(local) == 0
     assert files_of(tmp_path / 'remote') == files_of(tmp_path / 'local')
+
+
+@pytest.mark.slow
+def test_a_users_controller_is_tuned_on_a_cluster(tmp_path: Path, machines: Cluster) -> None:
+    (tmp_path / 'controller.py').write_text(PLAIN_CONTROLLER)
+    words = ['tune', '--controller', str(tmp_path / 'controller.py'), '--distance', '10']
+    words += ['--ki-range', '0', '0', '--kd-range', '0', '0']
+    alone = printed(*words).splitlines()
+    shared = printed(*words, '--scheduler', machines.address).splitlines()
+    assert len(alone) == len(shared)
+    differ = [line for line, other in zip(alone, shared, strict=True) if line != other]
+    assert all(' closed loops per road in ' in line for line in differ)
 
 
 def test_the_options_exclude_each_other() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import time
@@ -9,6 +10,7 @@ from concurrent.futures import BrokenExecutor
 from pathlib import Path
 
 import pytest
+from command_line import wait_for
 
 from barc_sim.parallel.pieces import finished_pieces, workers_of
 from barc_sim.parallel.processes import processes
@@ -57,6 +59,21 @@ def test_an_idle_process_that_ends_is_replaced() -> None:
         first = executor.submit(os.getpid).result()
         os.kill(first, signal.SIGKILL)
         assert executor.submit(os.getpid).result() != first
+
+
+def begin_and_sleep(path: str) -> None:
+    """Make a file, and sleep."""
+    Path(path).touch()
+    time.sleep(200.0)
+
+
+def test_a_call_that_runs_at_the_end_of_the_block_is_not_made_again(tmp_path: Path) -> None:
+    with processes(1) as executor:
+        future = executor.submit(begin_and_sleep, str(tmp_path / 'begun'))
+        wait_for((tmp_path / 'begun').exists)
+
+    assert isinstance(future.exception(60.0), BrokenExecutor)
+    assert not multiprocessing.active_children()
 
 
 def test_an_exception_is_passed_on() -> None:
