@@ -39,6 +39,7 @@ _MAX_POLL = NANOSECONDS
 
 #: Returns the time of reception of a message.
 _RECEIVED = itemgetter(BagMessage._fields.index('received'))
+_REMOVED = 'it was removed while recording'
 
 
 class WriterThread:
@@ -266,10 +267,13 @@ class WriterThread:
         The system does not report the former, and reports the latter too late.
         """
         if not self._writer.in_place:
-            raise OSError(errno.ENOENT, 'it was removed while recording')
+            raise OSError(errno.ENOENT, _REMOVED)
         if not self._writer.is_whole:
             raise OSError(errno.ESTALE, CHANGED)
-        shortage = short_of_space(self._writer.directory, self._reserve)
+        try:
+            shortage = short_of_space(self._writer.directory, self._reserve)
+        except FileNotFoundError:  # at this very moment
+            raise OSError(errno.ENOENT, _REMOVED) from None
         if shortage:
             raise OSError(errno.ENOSPC, shortage)
 
