@@ -106,11 +106,11 @@ class McapFile:
         """Add to the bag what the summary describes; return False if there is no whole one."""
         if is_compressed(self.path):
             return False
-        stream, size = open_storage(self.path)
-        with stream:
+        opened = open_storage(self.path)
+        with opened.stream as stream:
             try:
                 self._check_magic(stream)
-                summary = read_summary(stream, size, self._budget)
+                summary = read_summary(stream, opened.size, self._budget)
                 for opcode, body in summary.records:
                     self._add(opcode, body)
             except UserError:
@@ -241,10 +241,10 @@ class McapFile:
         """
         damage = Damage()
         self.damage = damage
-        stream, size_on_disk = open_storage(self.path)
-        with stream:
+        opened = open_storage(self.path)
+        with opened.stream as stream:
             # The size of what a compressed file contains is unknown before it is read.
-            size = sys.maxsize if is_compressed(self.path) else size_on_disk
+            size = sys.maxsize if is_compressed(self.path) else opened.size
             self._whole = 0
             try:
                 if offset is not None:
@@ -255,7 +255,7 @@ class McapFile:
                 raise
             except Exception:  # noqa: BLE001 (damage may raise anything)
                 damage.unfinished = True
-                damage.unread = size - self._whole if size == size_on_disk else 0
+                damage.unread = 0 if is_compressed(self.path) else size - self._whole
 
     def _check_magic(self, stream: BinaryIO) -> None:
         """Read the first bytes; an exception: they are not those of MCAP.

@@ -72,7 +72,7 @@ class ChunkTable:
 
 
 @dataclass
-class Summary:
+class FileSummary:
     """What a file's summary describes."""
 
     #: Opcode and body of each record that describes the file, as in the file.
@@ -81,7 +81,7 @@ class Summary:
     has_checksum: bool = False  #: of all data
 
 
-def read_summary(stream: BinaryIO, size: int, budget: Budget) -> Summary:
+def read_summary(stream: BinaryIO, size: int, budget: Budget) -> FileSummary:
     """Read the summary of a file, and the attached files and metadata that it refers to.
 
     Parameters
@@ -123,9 +123,9 @@ def read_summary(stream: BinaryIO, size: int, budget: Budget) -> Summary:
     return summary
 
 
-def _indexed(stream: BinaryIO, content: bytes, budget: Budget) -> Summary:
+def _indexed(stream: BinaryIO, content: bytes, budget: Budget) -> FileSummary:
     """Return the summary with all that it refers to; ValueError: its index is not complete."""
-    summary = Summary()
+    summary = FileSummary()
     counts: Counter[int] = Counter()
     chunks = []
     places = []

@@ -154,8 +154,7 @@ class SqliteFile:
 
     def _copy(self, source: Path, target: Path) -> None:
         """Copy or unpack a file; UserError: there is no space for it."""
-        stream, _ = open_storage(source)
-        with stream, target.open('wb') as copy:
+        with open_storage(source).stream as stream, target.open('wb') as copy:
             end = b''
             block = self._block(stream)
             while block:
