@@ -126,7 +126,7 @@ class _Recoverer:
         target = self._target()
         try:
             os.link(file.path, target, follow_symlinks=False)
-        except OSError:
+        except (OSError, NotImplementedError):  # the latter on Windows
             self._copy(file.path, target)
             self._recovery.copied += 1
         else:
