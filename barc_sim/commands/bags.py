@@ -14,6 +14,7 @@ from barc_sim.bags.playback_settings import RATE, Playback
 from barc_sim.cli.parser import ROS_ARGS, accept_ros_args, add_bag, number, show, whole
 from barc_sim.cli.process import require_ros
 from barc_sim.errors import UserError
+from barc_sim.parallel.options import add_executor_options, interruptible_executor_of
 from barc_sim.runs.recording_options import (
     add_control_options,
     add_qos_overrides,
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Iterator
 
+    from barc_sim.bags.conversions import Conversion
     from barc_sim.bags.recovery import Recovery
     from barc_sim.cli.parser import Parser
 
@@ -316,26 +318,87 @@ def _damages(damages: dict[str, dict[str, int]]) -> Iterator[str]:
 def add_arguments_convert(parser: Parser) -> None:
     """Describe the command."""
     parser.description = (
-        'Convert a bag of any recorder to tables, a CSV file for each topic; of a run, also '
+        'Convert bags of any recorder to tables, a CSV file for each topic; of a run, also '
         'run.csv, with a row for each state, its lap and its parameters.'
     )
     parser.epilog = 'Convert bags of ROS 1 with `rosbags-convert` first.'
-    add_bag(parser)
-    parser.add_argument('-o', '--output', type=Path, metavar='DIR', help='new folder (./BAG_csv)')
+    parser.add_argument(
+        'bags',
+        nargs='*',
+        type=Path,
+        metavar='BAG',
+        help='its directory, or a file of it (the newest in ./bags)',
+    )
+    parser.add_argument(
+        '-o',
+        '--output',
+        type=Path,
+        metavar='DIR',
+        help='new folder (./BAG_csv); of several bags, the folder in which each gets its BAG_csv',
+    )
     add_topic_choice(parser, 'convert')
+    add_executor_options(parser, 'bags', '1')
 
 
-def run_convert(options: Namespace) -> None:
-    """Convert the bag, and print where it is."""
-    from barc_sim.bags.convert import convert  # noqa: PLC0415 (slow: not for --help)
-    from barc_sim.bags.run_table import write_run_tables  # noqa: PLC0415
+def run_convert(options: Namespace) -> int:
+    """Convert the bags, and print where each is; return the exit code."""
+    from barc_sim.bags.conversions import Conversion, convert_bag  # noqa: PLC0415 (slow)
+    from barc_sim.bags.reader import newest  # noqa: PLC0415 (slow: not for --help)
 
-    bag = _bag(options)
-    output = options.output or Path(f'{bag.resolve().stem}_csv')
-    convert(bag, output, options.topics, options.exclude)
-    if not (options.topics or options.exclude):
-        write_run_tables(bag, output)
-    show(output)
+    bags = options.bags or [newest()]
+    conversions = []
+    for bag in bags:
+        output = Path(f'{bag.resolve().stem}_csv')
+        if options.output:
+            output = options.output / output if len(bags) > 1 else options.output
+        conversions.append(Conversion(bag, output, tuple(options.topics), tuple(options.exclude)))
+
+    if len(bags) > 1 or options.scheduler:
+        return _convert_several(conversions, options)
+    convert_bag(conversions[0])
+    show(conversions[0].output)
+    return 0
+
+
+def _convert_several(conversions: list[Conversion], options: Namespace) -> int:
+    """Convert bags, print where each is or why it failed, and return the exit code."""
+    from barc_sim.bags.conversions import convert_bags  # noqa: PLC0415 (slow: not for --help)
+
+    by_output: dict[Path, Conversion] = {}
+    failures = {}
+    for conversion in conversions:
+        output = conversion.output.absolute()
+        other = by_output.setdefault(output, conversion)
+        if other is not conversion:
+            failures[conversion.bag] = (
+                f'its tables would be in the folder of those of {str(other.bag)!r}: convert it by '
+                'itself, with --output'
+            )
+
+    absolute = [
+        conversion._replace(
+            bag=conversion.bag.absolute(),
+            output=output,
+            is_elsewhere=options.scheduler is not None,
+        )
+        for output, conversion in by_output.items()
+    ]
+    for output in by_output:
+        output.parent.mkdir(parents=True, exist_ok=True)
+
+    with interruptible_executor_of(options) as executor:
+        for conversion, converted in convert_bags(absolute, executor):
+            named = by_output[conversion.output]
+            for warning in converted.warnings:
+                show(f'{named.bag}: {warning}', error=True)
+            if converted.failure:
+                failures[named.bag] = converted.failure
+            else:
+                show(named.output)
+
+    for bag, failure in failures.items():
+        show(f'barc convert: {bag} could not be converted: {failure}', error=True)
+    return 1 if failures else 0
 
 
 def add_arguments_recover(parser: Parser) -> None:

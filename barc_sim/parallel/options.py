@@ -36,7 +36,7 @@ def executor_of(
 
     `check` returns why a worker of a cluster cannot do the work; empty if it can.
     """
-    if options.scheduler:
+    if options.scheduler is not None:
         from barc_sim.parallel.cluster import cluster  # noqa: PLC0415 (slow: not for --help)
 
         return cluster(options.scheduler, check)
@@ -52,7 +52,7 @@ def interruptible_executor_of(options: Namespace) -> Iterator[Executor | None]:
     Within the block, a signal that ends the process makes the results of calls raise
     KeyboardInterrupt. The executor has closed when that leaves this block.
     """
-    if not (options.jobs or options.scheduler):
+    if options.jobs is None and options.scheduler is None:
         yield None
         return
 

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from cluster_work import refuse, square_slowly
+from command_line import barc as barc_of
 from command_line import printed, refused, wait_for
+from rosbag2_layouts import Sent, write_bag
 from user_files import CONTROLLER, MODEL, PLAIN_CONTROLLER, PLAIN_MODEL
 
 from barc_sim import sweep
@@ -134,6 +136,24 @@ def test_a_users_controller_is_tuned_on_a_cluster(tmp_path: Path, machines: Clus
     assert len(alone) == len(shared)
     differ = [line for line, other in zip(alone, shared, strict=True) if line != other]
     assert all(' closed loops per road in ' in line for line in differ)
+
+
+@pytest.mark.slow
+def test_bags_are_converted_on_a_cluster(tmp_path: Path, machines: Cluster) -> None:
+    bags = []
+    for name in ('a', 'b', 'c'):
+        messages = [Sent('/words', number, f'{name} {number}') for number in range(9)]
+        bags.append(str(write_bag(tmp_path / name, [messages])))
+    local = ['convert', *bags, '-o', str(tmp_path / 'local')]
+    remote = ['convert', *bags, '-o', str(tmp_path / 'remote'), '--scheduler', machines.address]
+    printed(*local)
+    assert len(printed(*remote).splitlines()) == 3
+    assert files_of(tmp_path / 'remote') == files_of(tmp_path / 'local')
+
+    again = barc_of('convert', str(tmp_path / 'missing'), *remote[1:])
+    assert (again.returncode, again.stdout) == (1, '')
+    assert again.stderr.count('exists: name a new --output') == 3
+    assert f"a worker of the cluster finds no '{tmp_path / 'missing'}'" in again.stderr
 
 
 def test_the_options_exclude_each_other() -> None:
