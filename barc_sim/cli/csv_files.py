@@ -37,8 +37,9 @@ def rows_of(text: str) -> list[list[str]]:
     """
     lines = io.StringIO(text, newline='')
     first = next((line for line in lines if line.strip()), '')
-    if first.strip().lower().removeprefix(_SEPARATOR) in [*_DELIMITERS] and len(first.strip()) > 1:
-        delimiter = first.strip()[-1]
+    words = first.strip().lower()
+    if words in [_SEPARATOR + delimiter for delimiter in _DELIMITERS]:
+        delimiter = words[-1]
     else:
         delimiter = max(_DELIMITERS, key=first.count)
         lines.seek(0)

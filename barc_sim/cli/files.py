@@ -71,8 +71,12 @@ def open_regular(path: Path, *, follow: bool = True) -> BinaryIO:
     """
     # Checked before the opening, which can act on a device, and after it, for a change meanwhile.
     _check_regular(path, path.stat(follow_symlinks=follow))
-    flags = _OPEN_REGULAR if follow else _OPEN_REGULAR | _flags('O_NOFOLLOW')
-    return _regular_file(path, os.open(path, flags))
+    flags = _OPEN_REGULAR
+    if not follow:
+        flags |= _flags('O_NOFOLLOW')
+
+    descriptor = os.open(path, flags)
+    return _regular_file(path, descriptor)
 
 
 def _regular_file(path: Path, descriptor: int) -> BinaryIO:
@@ -114,18 +118,19 @@ class HeldFolder:
 
     def entries(self, folder: PurePath = _TOP) -> dict[str, os.stat_result]:
         """Return what is in a folder below it, by name; OSError: it is unreadable, or a link."""
-        found = {}
+        statuses = {}
         with self._at(folder) as place, os.scandir(place) as entries:
             for entry in entries:
                 with suppress(FileNotFoundError):  # it has just been removed
-                    found[entry.name] = entry.stat(follow_symlinks=False)
-        return found
+                    statuses[entry.name] = entry.stat(follow_symlinks=False)
+        return statuses
 
     def open(self, file: PurePath) -> BinaryIO:
         """Open a regular file below it, as `open_regular` does."""
         with self._at(file.parent) as place:
             if isinstance(place, Path):
                 return open_regular(place / file.name, follow=False)
+
             path = self.path / file
             _check_regular(path, os.stat(file.name, dir_fd=place, follow_symlinks=False))
             descriptor = os.open(file.name, _OPEN_REGULAR | _flags('O_NOFOLLOW'), dir_fd=place)
@@ -146,6 +151,7 @@ def _open_folder(name: str | Path, place: _Place | None = None) -> _Place:
     """Open a folder at a place; OSError: it is none, or a link."""
     if isinstance(place, int) or (place is None and _HAS_DESCRIPTORS):
         return os.open(name, os.O_RDONLY | _flags('O_DIRECTORY', 'O_NOFOLLOW'), dir_fd=place)
+
     path = Path(name) if place is None else place / name
     if not stat.S_ISDIR(path.lstat().st_mode):
         raise NotADirectoryError(ENOTDIR, os.strerror(ENOTDIR), str(path))
@@ -190,6 +196,7 @@ def decoded(data: bytes) -> str:
     encodings = ['utf-8-sig', 'cp1252', 'latin-1']
     if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
         encodings = ['utf-16']
+
     for encoding in encodings:
         try:
             text = data.decode(encoding)
@@ -219,9 +226,13 @@ def replacing(path: Path, *, sync: bool = False) -> Iterator[Path]:
         The new file cannot be made, or writing fails.
     """
     part = path.with_name(f'.{token_hex(8)}{path.suffix}')
-    os.close(os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL | _flags('O_NOFOLLOW'), 0o666))
+    flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | _flags('O_NOFOLLOW')
+    descriptor = os.open(part, flags, 0o666)
+    os.close(descriptor)
+
     try:
         yield part
+
         if sync:
             with part.open('rb+') as file:
                 os.fsync(file.fileno())
@@ -253,6 +264,7 @@ def target(name: str, formats: Sequence[str]) -> Path:
         if len(endings) > 1:
             expected = f'{", ".join(endings[:-1])} or {expected}'
         raise UserError(f'cannot save {name!r}: the name must end in {expected}')
+
     if path.is_dir():
         raise UserError(f'cannot save {name!r}: there is a folder of that name')
     return path
@@ -266,6 +278,7 @@ def figure_path(name: str | None) -> Path | None:
 def make_folder(path: Path, within: Path) -> Path:
     """Make and return the folder `path` in the folder `within`, in which no link is followed."""
     within.mkdir(parents=True, exist_ok=True)
+
     folder = within
     for name in path.relative_to(within).parts:
         folder /= name
@@ -284,7 +297,8 @@ def check_plain(folder: Path) -> None:
     with os.scandir(folder) as entries:
         for entry in entries:
             if not entry.is_file(follow_symlinks=False):
-                kind = _KINDS.get(stat.S_IFMT(entry.stat(follow_symlinks=False).st_mode), 'special')
+                status = entry.stat(follow_symlinks=False)
+                kind = _KINDS.get(stat.S_IFMT(status.st_mode), 'special')
                 raise UserError(
                     f'{entry.path!r} is {kind}, where a bag has plain files only: copy its .mcap '
                     'files to a new folder, and name that'

@@ -16,12 +16,24 @@ def not_between(value: object, low: float, high: float) -> str:
     >>> not_between(-1.0, 0.0, 1e3), not_between(1.5, 0, 9)
     ('-1 is not a number from 0 to 1000', '1.5 is not a whole number from 0 to 9')
     """
-    whole = isinstance(low, int)
-    kinds = (int, Integral) if whole else (float, int, Real)  # the first are quick to find
-    if isinstance(value, kinds) and not isinstance(value, bool) and low <= value <= high:  # type: ignore[operator]
+    if isinstance(low, int):
+        return _not_whole(value, low, high)
+
+    # float first: it is quick to check.
+    if _is_number(value, (float, int, Real)) and low <= value <= high:  # type: ignore[operator]
         return ''
-    shown = f'{value:g}' if isinstance(value, float) and not whole else repr(value)
-    span = f'from {low:g} to {high:g}'
-    if whole:
-        span = f'of at least {low}' if high == inf else f'from {low} to {high}'
-    return f'{shown} is not a {"whole " * whole}number {span}'
+    text = f'{value:g}' if isinstance(value, float) else repr(value)
+    return f'{text} is not a number from {low:g} to {high:g}'
+
+
+def _not_whole(value: object, low: int, high: float) -> str:
+    """Return why `value` is not a whole number from `low` to `high`; '' if it is one."""
+    if _is_number(value, (int, Integral)) and low <= value <= high:  # type: ignore[operator]
+        return ''
+    limits = f'of at least {low}' if high == inf else f'from {low} to {high}'
+    return f'{value!r} is not a whole number {limits}'
+
+
+def _is_number(value: object, kinds: tuple[type, ...]) -> bool:
+    """Return whether `value` is of these kinds; a truth is no number."""
+    return isinstance(value, kinds) and not isinstance(value, bool)

@@ -14,7 +14,6 @@ import shlex
 import shutil
 import sys
 from contextlib import contextmanager, suppress
-from functools import partial
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -49,9 +48,14 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, **options: Any) -> None:  # noqa: ANN401 (ArgumentParser's own)
         """Accept only whole names of options: a shortened one could mean another option."""
-        formatter = options.pop('formatter_class', argparse.HelpFormatter)
-        options['formatter_class'] = partial(formatter, width=columns() - _MARGIN)
-        super().__init__(allow_abbrev=False, **options)
+        formatter_class: Callable[..., argparse.HelpFormatter] = options.pop(
+            'formatter_class', argparse.HelpFormatter
+        )
+
+        def formatter(prog: str) -> argparse.HelpFormatter:
+            return formatter_class(prog, width=columns() - _MARGIN)
+
+        super().__init__(formatter_class=formatter, allow_abbrev=False, **options)
 
     def shorten_help(self, *usual: str) -> None:
         """Let `--help` show only the `usual` options, and `--help-all` every option."""
@@ -62,21 +66,24 @@ class Parser(argparse.ArgumentParser):
         """Return the help; after `shorten_help`, only of the usual options."""
         if not self._usual:
             return super().format_help()
-        rare = {
-            each: each.help for each in self._actions if not self._usual & {*each.option_strings}
-        }
+
+        rare_actions = [
+            action for action in self._actions if self._usual.isdisjoint(action.option_strings)
+        ]
         usage = self.usage
         epilog = self.epilog
+        texts = [action.help for action in rare_actions]
+
+        self.usage = '%(prog)s [OPTION...]'
+        self.epilog = None
+        for action in rare_actions:
+            action.help = argparse.SUPPRESS
         try:
-            self.usage = '%(prog)s [OPTION...]'
-            self.epilog = None
-            for action in rare:
-                action.help = argparse.SUPPRESS
             return super().format_help()
         finally:
             self.usage = usage
             self.epilog = epilog
-            for action, text in rare.items():
+            for action, text in zip(rare_actions, texts, strict=True):
                 action.help = text
 
     def parse_args(  # type: ignore[override]
@@ -90,10 +97,10 @@ class Parser(argparse.ArgumentParser):
 
     def _refuse(self, word: str) -> NoReturn:
         """Exit because of an unknown option or argument."""
-        names = (each.removeprefix('--') for each in self._option_string_actions)
-        close = did_you_mean(word.removeprefix('--'), names, '--')
-        what = 'there is no option' if word.startswith('-') else 'unexpected argument'
-        self.error(f'{what} {word!r}{close}')
+        names = [option.removeprefix('--') for option in self._option_string_actions]
+        suggestion = did_you_mean(word.removeprefix('--'), names, '--')
+        problem = 'there is no option' if word.startswith('-') else 'unexpected argument'
+        self.error(f'{problem} {word!r}{suggestion}')
 
     def error(self, message: str) -> NoReturn:
         """Print `message` on stderr in one line and exit with code 2."""
@@ -143,6 +150,7 @@ def add_bag_arguments(parser: argparse.ArgumentParser, *, several: bool = False)
         )
     else:
         add_bag(parser)
+
     parser.add_argument(
         '--namespace', metavar='NS', help='the car, if the bag has several, as in /car1'
     )
@@ -164,8 +172,10 @@ def _between(text: str, low: float, high: float) -> float | str:
     for kind in (float, int):
         with suppress(ValueError):
             value = kind(text)
-    if why := not_between(value, low, high):
-        raise argparse.ArgumentTypeError(why)
+
+    problem = not_between(value, low, high)
+    if problem:
+        raise argparse.ArgumentTypeError(problem)
     return value
 
 
@@ -176,8 +186,8 @@ def did_you_mean(name: str, names: Iterable[str], prefix: str = '') -> str:
     """
     from difflib import get_close_matches  # noqa: PLC0415 (only for an error)
 
-    close = [prefix + each for each in get_close_matches(name, names)]
-    return f': did you mean {" or ".join(close)}?' if close else ''
+    matches = [prefix + match for match in get_close_matches(name, names)]
+    return f': did you mean {" or ".join(matches)}?' if matches else ''
 
 
 def barc_path() -> str:
@@ -189,10 +199,13 @@ def barc_path() -> str:
 def program_path(name: str) -> str | None:
     """Return a program of this environment as a user can type it here; None: there is none."""
     program = Path(sys.executable).with_name(name)
-    on_path = shutil.which(name)
     if not program.exists():
         return None
-    return name if on_path and program.samefile(on_path) else _quoted(program)
+
+    program_on_path = shutil.which(name)
+    if program_on_path and program.samefile(program_on_path):
+        return name
+    return _quoted(program)
 
 
 def _quoted(path: Path) -> str:
@@ -218,9 +231,11 @@ def call(prog: str, main: Callable[[], int | None]) -> int:
         message = _sentence(error, prog)
         if message is None:
             raise
-    if message:
-        report(prog, message)
-    return USAGE_ERROR if message else 0
+
+    if not message:
+        return 0
+    report(prog, message)
+    return USAGE_ERROR
 
 
 def show(text: object, *, end: str = '\n', error: bool = False) -> None:
@@ -301,8 +316,10 @@ def _refused(error: OSError) -> str:
         return f'{name!r} cannot be used ({error.strerror}): name another'
     if error.errno not in _OF_OUTPUT:
         return f'the system refuses to continue: {error.strerror or error}'
+
     # Python flushes stdout once more at exit: redirect that to nowhere.
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
     if isinstance(error, BrokenPipeError):
         return ''
     return f'the output cannot be written: {error.strerror}'
@@ -315,8 +332,10 @@ def _missing(error: ModuleNotFoundError, prog: str) -> str | None:
         return str(needs_ros(prog))
     if package in ('', 'barc_sim'):
         return None
-    name = _DISTRIBUTIONS.get(package, package)
+
+    python = shlex.quote(sys.executable)
+    distribution = shlex.quote(_DISTRIBUTIONS.get(package, package))
     return (
         f'the package {package!r} is not installed in this Python: run '
-        f'{shlex.join([sys.executable, "-m", "pip", "install", name])}'
+        f'{python} -m pip install {distribution}'
     )

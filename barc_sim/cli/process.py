@@ -49,9 +49,11 @@ def check_limits() -> None:
     """Let ROS open as many files as the system allows; UserError: the memory limit is too low."""
     if not resource:
         return
+
     _, maximum = resource.getrlimit(resource.RLIMIT_NOFILE)
     with suppress(ValueError, OSError):  # many cars need more than the usual 1024
         resource.setrlimit(resource.RLIMIT_NOFILE, (maximum, maximum))
+
     memory, _ = resource.getrlimit(resource.RLIMIT_AS)
     if memory != resource.RLIM_INFINITY and memory < _MIN_MEMORY:
         raise UserError(
@@ -63,8 +65,8 @@ def check_limits() -> None:
 def is_at_desktop() -> bool:
     """Return whether the user works at a screen of this machine, and allows a browser there."""
     screen = os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY')
-    elsewhere = os.environ.get('SSH_CONNECTION') or os.environ.get(NO_BROWSER)
-    return bool(screen) and not elsewhere
+    has_no_browser = os.environ.get('SSH_CONNECTION') or os.environ.get(NO_BROWSER)
+    return bool(screen) and not has_no_browser
 
 
 def has_ros() -> bool:
@@ -78,33 +80,36 @@ def has_only_rclpy() -> bool:
     return rclpy and not messages
 
 
-def needs_ros(what: str) -> UserError:
-    """Return the error that `what` needs ROS, with what to install or build on this system."""
+def needs_ros(user: str) -> UserError:
+    """Return the error that `user` needs ROS, with what to install or build on this system."""
     if has_only_rclpy():
         return UserError(
-            f"{what} needs the messages of barc_interfaces, which are not built: run '{_BUILD}' in "
+            f"{user} needs the messages of barc_interfaces, which are not built: run '{_BUILD}' in "
             'the workspace, and source it'
         )
-    return UserError(f'{what} needs ROS 2: {_HOW.get(sys.platform, _HOW_ON_LINUX)}')
+    return UserError(f'{user} needs ROS 2: {_HOW.get(sys.platform, _HOW_ON_LINUX)}')
 
 
-def require_ros(what: str) -> None:
-    """Raise UserError if `what` cannot use ROS here; call it before anything imports rclpy."""
+def require_ros(user: str) -> None:
+    """Raise UserError if `user` cannot use ROS here; call it before anything imports rclpy."""
     if not has_ros():
-        raise needs_ros(what)
+        raise needs_ros(user)
+
     packages = Path(sysconfig.get_path('platlib'))
-    has_own = (packages / 'rclpy' / '__init__.py').exists()
-    if has_own:
+    library_folders: list[str] = []
+    if (packages / 'rclpy' / '__init__.py').exists():
         _check_origin(packages)
-    _check_middleware([] if has_own else os.environ.get('LD_LIBRARY_PATH', '').split(os.pathsep))
+    else:
+        library_folders = os.environ.get('LD_LIBRARY_PATH', '').split(os.pathsep)
+    _check_middleware(library_folders)
 
 
 def _check_origin(packages: Path) -> None:
     """Raise UserError if another ROS hides the rclpy in `packages`: its libraries do not fit."""
-    used = Path(_origin('rclpy') or '').parents[1]
-    if not used.samefile(packages):
+    origin = Path(_origin('rclpy') or '').parents[1]
+    if not origin.samefile(packages):
         raise UserError(
-            f'PYTHONPATH puts the rclpy in {str(used)!r} before that in {sys.prefix!r}: open a '
+            f'PYTHONPATH puts the rclpy in {str(origin)!r} before that in {sys.prefix!r}: open a '
             'terminal that sources no other ROS, or unset PYTHONPATH'
         )
 
@@ -115,11 +120,14 @@ def _check_middleware(folders: list[str]) -> None:
     ROS would end the process.
     """
     name = os.environ.get('RMW_IMPLEMENTATION')
-    places = (Path(folder) for folder in [f'{sys.prefix}/lib', *filter(None, folders)])
-    if name and not any(any(place.glob(f'lib{escape(name)}.*')) for place in places):
-        raise UserError(
-            f'RMW_IMPLEMENTATION is {name!r}, which is not installed in this ROS: unset it'
-        )
+    if not name:
+        return
+
+    pattern = f'lib{escape(name)}.*'
+    for folder in [f'{sys.prefix}/lib', *filter(None, folders)]:
+        if any(Path(folder).glob(pattern)):
+            return
+    raise UserError(f'RMW_IMPLEMENTATION is {name!r}, which is not installed in this ROS: unset it')
 
 
 def _is_installed(package: str) -> bool:
@@ -154,6 +162,7 @@ def interruptible() -> Iterator[None]:
     if signal.getsignal(signal.SIGINT) is not signal.SIG_DFL:
         yield
         return
+
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         yield
@@ -192,22 +201,24 @@ class StopSignals:
         self._writer.setblocking(False)
         # Before the handlers, so that no signal is lost.
         signal.set_wakeup_fd(self._writer.fileno(), warn_on_full_buffer=False)
-        self._handled = [
+
+        self._signals = [
             number
             for number in _SIGNALS
             if number != _SIGHUP or signal.getsignal(number) != signal.SIG_IGN
         ]
-        for number in self._handled:
-            signal.signal(number, lambda *_: None)
+        for number in self._signals:
+            signal.signal(number, _ignore)
         threading.Thread(target=self._read_signals, name='stop signals', daemon=True).start()
+
         # The parent may have blocked them until now, as scripts/run does.
         if hasattr(signal, 'pthread_sigmask'):
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, self._handled)
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, self._signals)
         return self
 
     def __exit__(self, *_: object) -> None:
         """Ignore the signals from now on."""
-        for number in self._handled:
+        for number in self._signals:
             signal.signal(number, signal.SIG_IGN)
         signal.set_wakeup_fd(-1)
         self._writer.close()
@@ -224,6 +235,12 @@ class StopSignals:
     def _request(self) -> None:
         with self._lock:
             self.requested.set()
-            callbacks, self._callbacks = self._callbacks, []
+            callbacks = self._callbacks
+            self._callbacks = []
+
         for callback in callbacks:
             callback()
+
+
+def _ignore(*_: object) -> None:
+    """Do nothing for a signal: its number is read from the wake-up file descriptor."""

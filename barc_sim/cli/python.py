@@ -57,6 +57,7 @@ def working_in(folder: Path) -> Iterator[None]:
     # A descriptor also leads back to a directory that was renamed or removed.
     has_descriptors = os.chdir in os.supports_fd
     before = os.open(os.curdir, _ONLY_A_PLACE) if has_descriptors else os.getcwd()  # noqa: PTH109
+
     os.chdir(folder)
     try:
         yield
@@ -72,7 +73,9 @@ def _without_working_directory(path: list[str]) -> list[str]:
         here = os.path.realpath(os.curdir)
     except OSError:  # it has been removed: nothing can be imported from it
         return path
+
     entries = [os.path.abspath(entry) for entry in path]  # noqa: PTH100 (it also takes '')
-    folders = (str(_PACKAGES), *sysconfig.get_paths().values())
-    own = {os.path.realpath(folder) for folder in folders}
-    return [entry for entry in entries if os.path.realpath(entry) != here or here in own]
+    python_folders = [str(_PACKAGES), *sysconfig.get_paths().values()]
+    if here in [os.path.realpath(folder) for folder in python_folders]:
+        return entries
+    return [entry for entry in entries if os.path.realpath(entry) != here]

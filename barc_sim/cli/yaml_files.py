@@ -40,11 +40,13 @@ class _Loader(yaml.SafeLoader):
                 raise ValueError('an alias refers to a list or mapping that it is in')
             self._charge(self._sizes[id(node)])
             return node
+
         before = self._values
         self._charge(1)
         self._depth += 1
         if self._depth > _MAX_DEPTH:
             raise ValueError(f'more than {_MAX_DEPTH} lists or mappings are within one another')
+
         node = super().compose_node(parent, index)
         self._depth -= 1
         self._sizes[id(node)] = self._values - before
