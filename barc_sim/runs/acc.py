@@ -176,13 +176,13 @@ def _driven_with(options: Namespace, user_code: UserCode, controller: CruiseCont
     """Return the gains and the limit of a user's controller."""
     from barc_sim.lab.files import ChosenGains  # noqa: PLC0415 (slow)
 
-    chosen = user_code.gains or ChosenGains(KP, KI, KD, 'barc_sim')
+    controller_gains = user_code.gains or ChosenGains(KP, KI, KD, 'barc_sim')
     overrides = gains(options)
     if overrides:
         is_whole = len(overrides) == len(PID.gains)
-        others = '' if is_whole else f', the others from {chosen.origin}'
-        chosen = chosen._replace(**overrides, origin=f'the command line{others}')
+        rest = '' if is_whole else f', the others from {controller_gains.origin}'
+        controller_gains = controller_gains._replace(**overrides, origin=f'the command line{rest}')
 
     limit = controller.values['acceleration_limit']
     limited = 'without a limit' if limit >= NO_LIMIT else f'limited to {limit:g} m/s²'
-    return f'{chosen}, {limited}'
+    return f'{controller_gains}, {limited}'

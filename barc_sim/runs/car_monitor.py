@@ -40,50 +40,53 @@ class CarMonitor:
         self._progress = Progress(inf)
         simulator.on_step = self.on_step
 
-    def on_step(self, t: float, seen: Observation) -> None:
+    def on_step(self, t: float, observation: Observation) -> None:
         """Add the state, `t` [s] after the start of its lap, to the lap, and show it.
 
         If the car makes no progress, the run ends.
         """
-        place = seen.on_track
-        distance = place.s if place else seen.true.x
-        reference = self._reference(t, seen)
+        place = observation.on_track
+        distance = place.s if place else observation.true.x
+        reference = self._reference(t, observation)
         if t == 0.0:
             self._progress = Progress(self.simulator.stepper.distance)
 
-        self._add_to_lap(t, seen, reference)
-        is_stuck = self._progress.add(t, distance, seen.true.v_x, reference, place)
+        self._add_to_lap(t, observation, reference)
+        is_stuck = self._progress.add(t, distance, observation.true.v_x, reference, place)
         if is_stuck or t >= self._duration:
             self.simulator.stepper.end()
         if self.display:
-            self.display.show(distance, lambda: self._line(t, seen, reference))
+            self.display.show(distance, lambda: self._line(t, observation, reference))
 
-    def _reference(self, t: float, seen: Observation) -> float:
+    def _reference(self, t: float, observation: Observation) -> float:
         """Return the speed to hold [m/s]; without a controller, that of the command line."""
         if not self.controller:
             return self._speed
-        distance = seen.on_track.s if seen.on_track else seen.measured.x
+        distance = observation.on_track.s if observation.on_track else observation.measured.x
         return self.controller.reference(t, distance)
 
-    def _add_to_lap(self, t: float, seen: Observation, reference: float) -> None:
-        place = seen.on_track
-        if place:
-            # The command that made this state, which is not answered yet.
-            lane = self.controller.lane if self.controller else None
-            servo = lane.output if lane else 0.0
-            self.track_laps.add(t, place.lap, place.lap_time, place.e_y, servo)
-        else:
-            car = seen.true
-            self._laps.add(t, car.x, car.y, car.v_x, reference, seen.surroundings.theta)
+    def _add_to_lap(self, t: float, observation: Observation, reference: float) -> None:
+        place = observation.on_track
+        if place is None:
+            car = observation.true
+            self._laps.add(t, car.x, car.y, car.v_x, reference, observation.surroundings.theta)
+            return
 
-    def _line(self, t: float, seen: Observation, reference: float) -> str:
+        # The command that made this state, which is not answered yet.
+        lane = self.controller.lane if self.controller else None
+        servo = lane.output if lane else 0.0
+        self.track_laps.add(t, place.lap, place.lap_time, place.e_y, servo)
+
+    def _line(self, t: float, observation: Observation, reference: float) -> str:
         """Return the line of a state, which is the last one that was added."""
-        speed = seen.true.v_x
-        if seen.on_track:
-            return track_line(t, seen.on_track, speed)
+        speed = observation.true.v_x
+        if observation.on_track:
+            return track_line(t, observation.on_track, speed)
         has_reference = self._duration == inf  # the commands of `identify.py` hold no speed
         error = reference - speed if has_reference else nan
-        return cruise_line(t, seen.true.x, speed, error, seen.surroundings.theta, self._laps.number)
+        return cruise_line(
+            t, observation.true.x, speed, error, observation.surroundings.theta, self._laps.number
+        )
 
     @property
     def failure(self) -> str:

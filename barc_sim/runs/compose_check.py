@@ -64,8 +64,9 @@ def judge_composition(file: Path) -> Verdict:
         try:
             end = _run_apart(file, folder)
         except subprocess.TimeoutExpired:
-            why = f'it was ended after {_DEADLINE:g} s: does a call never return?'
-            return Verdict(False, why)
+            reason = f'it was ended after {_DEADLINE:g} s: does a call never return?'
+            return Verdict(False, reason)
+
         result = Path(folder, _RESULT)
         if os.path.lexists(result):
             return _reported(result)
@@ -84,6 +85,7 @@ def _run_apart(file: Path, folder: str) -> _End:
     import pty  # noqa: PLC0415 (of Unix)
 
     our_end, script_end = pty.openpty()
+
     with tempfile.TemporaryFile() as output:
         try:
             process = subprocess.run(  # noqa: S603 (the user's own file)
@@ -98,6 +100,7 @@ def _run_apart(file: Path, folder: str) -> _End:
         finally:
             os.close(our_end)
             os.close(script_end)
+
         output.seek(0)
         text = output.read().decode(errors='replace').strip()
     return _End(process.returncode, text)
@@ -106,12 +109,13 @@ def _run_apart(file: Path, folder: str) -> _End:
 def _explain_end(file: Path, end: _End) -> str:
     """Return why a script that has reported no nodes is wrong, with its line if it has raised."""
     if end.code:
-        why = end.output.rpartition('\n')[2][:200]
+        reason = end.output.rpartition('\n')[2][:200]
     else:
-        why = 'is main called, and does an executor spin?'
+        reason = 'is main called, and does an executor spin?'
+
     lines = re.findall(rf'File "{re.escape(str(file.resolve()))}", line (\d+)', end.output)
     place = f'{file.name}, line {lines[-1]}: ' if lines else ''
-    return f'{place}it has ended with exit code {end.code}: {why}'.rstrip(': ')
+    return f'{place}it has ended with exit code {end.code}: {reason}'.rstrip(': ')
 
 
 def _reported(result: Path) -> Verdict:

@@ -154,6 +154,7 @@ class Run:
             model=self.inputs.user_code.model or bikeFE,
             **options,
         )
+
         self.simulators.append(simulator)
         simulator.finished.add_done_callback(lambda _: self._on_finished())
         if self.bag and simulator.clock_pub:

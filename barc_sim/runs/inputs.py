@@ -119,24 +119,30 @@ class _Contradiction(NamedTuple):
     applies: bool
     options: Sequence[str]  #: their names
     files: Sequence[str]  #: the parts of a lab
-    why: str  #: follows the option or file that was given
+    reason: str  #: follows the option or file that was given
 
 
 def _refuse_contradictions(options: Namespace, code: UserCode, track: Track | None) -> None:
     """Refuse options and files that the run has no use for, or that set the same twice."""
-    for each in _contradictions(options, code, track):
-        if each.applies:
-            _refuse(options, code, each.options, each.files, each.why)
+    for contradiction in _contradictions(options, code, track):
+        if contradiction.applies:
+            _refuse(
+                options,
+                code,
+                contradiction.options,
+                contradiction.files,
+                contradiction.reason,
+            )
 
 
 def _contradictions(
     options: Namespace, code: UserCode, track: Track | None
 ) -> list[_Contradiction]:
-    one = 'give one of the two only'
+    advice = 'give one of the two only'
     on_track = 'is for a track: give one, as in --track L'
-    ours = "names one of barc_sim's, and"
+    name_of_ours = "names one of barc_sim's, and"
     has_law = bool(code.controller or code.identify)
-    driven = _STEERING if track else _DRIVING
+    of_driver = _STEERING if track else _DRIVING
 
     def has(option: str) -> bool:
         return bool(getattr(options, option, None))
@@ -150,43 +156,45 @@ def _contradictions(
             has_law,
             ('controller_type',),
             (),
-            f'{ours} --lab or --controller gives another: {one}',
+            f'{name_of_ours} --lab or --controller gives another: {advice}',
         ),
         _Contradiction(
             bool(code.identify),
             _OF_SPEED,
             ('controller',),
-            f'and identify.py both drive: {one}',
+            f'and identify.py both drive: {advice}',
         ),
         _Contradiction(
             getattr(options, 'lane', None) == 'speed-mpc',
             _OF_SPEED,
             ('controller',),
-            f'and speed-mpc both drive: {one}',
+            f'and speed-mpc both drive: {advice}',
         ),
-        _Contradiction(bool(code.lane), ('lane',), (), f'{ours} --lab gives lane.py: {one}'),
+        _Contradiction(
+            bool(code.lane), ('lane',), (), f'{name_of_ours} --lab gives lane.py: {advice}'
+        ),
         _Contradiction(
             has('reference'),
             ('speed', 'speed_profile'),
             (),
-            f'and --reference both give the speed: {one}',
+            f'and --reference both give the speed: {advice}',
         ),
-        _Contradiction(has('policy'), driven, driven, f'and --policy both drive: {one}'),
-        _Contradiction(has('no_controller'), _OF_CONTROLLER, (), f'and --no-controller: {one}'),
-        _Contradiction(has('no_relay'), ('relay',), (), f'and --no-relay: {one}'),
+        _Contradiction(has('policy'), of_driver, of_driver, f'and --policy both drive: {advice}'),
+        _Contradiction(has('no_controller'), _OF_CONTROLLER, (), f'and --no-controller: {advice}'),
+        _Contradiction(has('no_relay'), ('relay',), (), f'and --no-relay: {advice}'),
     ]
 
 
 def _refuse(
-    options: Namespace, code: UserCode, names: Iterable[str], parts: Iterable[str], why: str
+    options: Namespace, code: UserCode, names: Iterable[str], parts: Iterable[str], reason: str
 ) -> None:
     """Refuse the options with these names and the files of these parts, if any is given."""
     for name in names:
         if getattr(options, name, None) not in (None, []):
-            raise UserError(f'--{name.replace("_", "-")} {why}')
+            raise UserError(f'--{name.replace("_", "-")} {reason}')
     for part in parts:
         if part in code.paths:
-            raise UserError(f'{code.paths[part].name} {why}')
+            raise UserError(f'{code.paths[part].name} {reason}')
 
 
 def _check_laws(options: Namespace, inputs: RunInputs) -> None:
@@ -235,9 +243,9 @@ def _policy(options: Namespace, inputs: RunInputs) -> Policy:
             failures.append(f'in {task}-v0, {error}')
             continue
         if 'motor' in policy.task.actions:
-            why = 'and --policy both drive: give one of the two only'
+            reason = 'and --policy both drive: give one of the two only'
             names = (*_DRIVING, 'reference', 'speed_profile')
-            _refuse(options, inputs.user_code, names, _DRIVING, why)
+            _refuse(options, inputs.user_code, names, _DRIVING, reason)
         if options.speed is None:
             options.speed = policy.task.speed
         return policy

@@ -35,8 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
     _add_bag(parser)
     _add_model(parser)
     _add_messages(parser)
-    parser.set_defaults(parts=parts)
     add_recording_options(parser)
+    parser.set_defaults(parts=parts)
 
 
 def _add_pace(parser: argparse.ArgumentParser, road: str) -> None:
@@ -63,6 +63,7 @@ def _add_files(parser: argparse.ArgumentParser, parts: Sequence[str]) -> None:
     for part in parts:
         if part in ('lane', 'raceline', 'identify'):
             continue  # `--lane` takes names, too; the others come only with a lab
+
         parser.add_argument(
             f'--{part}',
             type=Path,
@@ -105,6 +106,7 @@ def _add_model(parser: argparse.ArgumentParser) -> None:
         metavar='N',
         help=f'{ROWS["seed"].description} ({ROWS["seed"].default})',
     )
+
     parser.add_argument(
         '--integrator',
         choices=tuple(INTEGRATORS),
@@ -118,6 +120,7 @@ def _add_model(parser: argparse.ArgumentParser) -> None:
 def _add_messages(parser: argparse.ArgumentParser) -> None:
     """Add what is printed, and how messages are carried and mirrored."""
     parser.add_argument('-q', '--quiet', action='store_true', help="print only the bag's path")
+
     parser.add_argument(
         '--network',
         action='store_true',
@@ -130,6 +133,7 @@ def _add_messages(parser: argparse.ArgumentParser) -> None:
         help='publish the simulated time on /clock even if the real-time factor is 1, for nodes '
         'with use_sim_time',
     )
+
     parser.add_argument(
         '--engine',
         choices=('auto', 'ros', 'local'),
@@ -137,6 +141,7 @@ def _add_messages(parser: argparse.ArgumentParser) -> None:
         help='carry messages over ROS 2, or without it in queues of one process (auto: ROS 2 if '
         'it is installed)',
     )
+
     parser.add_argument(
         '--mirrors',
         action='store_true',
@@ -149,6 +154,7 @@ def _factor(text: str) -> float:
     """Return the real-time factor; 0.0 stands for `max`."""
     if text == 'max':
         return 0.0
+
     try:
         return number(*REALTIME_FACTORS)(text)
     except ArgumentTypeError as error:
@@ -164,6 +170,7 @@ def add_address_options(parser: argparse.ArgumentParser, *, can: str = 'drive') 
         metavar='PORT',
         help='port of the page (any that is free)',
     )
+
     parser.add_argument(
         '--view-host',
         default='127.0.0.1',
@@ -175,8 +182,8 @@ def add_address_options(parser: argparse.ArgumentParser, *, can: str = 'drive') 
 
 def page_of(options: argparse.Namespace) -> str:
     """Return the live page of a run: `web` if it opens itself, `offer` for its link, or `none`."""
-    page = str(options.view_auto if options.view == 'auto' else options.view)
-    is_watched = sys.stdout.isatty() and is_at_desktop() and options.realtime_factor != 0.0
-    if page == 'offer' and (options.quiet or not is_watched):
+    page = options.view_auto if options.view == 'auto' else options.view
+    has_viewer = sys.stdout.isatty() and is_at_desktop() and options.realtime_factor != 0.0
+    if page == 'offer' and (options.quiet or not has_viewer):
         return 'none'
-    return page
+    return str(page)

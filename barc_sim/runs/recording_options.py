@@ -31,6 +31,7 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
         metavar='MIB',
         help=f'space to leave free on the disk ({Recording.min_free_space:g} MiB)',
     )
+
     _add_splitting(group)
     _add_storage(group)
 
@@ -45,6 +46,7 @@ def _add_splitting(parser: argparse._ActionsContainer) -> None:
         metavar='BYTES',
         help='begin a new file when one has this size (0: never)',
     )
+
     parser.add_argument(
         '-d',
         '--max-bag-duration',
@@ -65,6 +67,7 @@ def _add_storage(parser: argparse._ActionsContainer) -> None:
         help='memory for messages while the disk is slow; beyond it they are lost, and counted; '
         f'0: they wait in DDS ({Recording.max_cache_size})',
     )
+
     parser.add_argument(
         '--compression-format',
         choices=COMPRESSION_FORMATS,

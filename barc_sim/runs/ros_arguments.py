@@ -21,6 +21,7 @@ def warn_of_unused(ros_args: Sequence[str], nodes: Sequence[Node]) -> None:
             # A file can have the nodes of other systems.
             if _is_set(owner, name, nodes) or (is_file and not _is_named(owner, nodes)):
                 continue
+
             source = text if is_file else '-p'
             prefix = f'{owner}:' if owner else ''
             warn(

@@ -40,6 +40,7 @@ class RunBag:
         metadata = user_code.describe()
         if options.engine == LOCAL:
             metadata = {**metadata, 'engine': carrier.name}
+
         self._root_is_new = not options.bag_dir.exists()
         self.recorder = BagRecorder(
             options.bag_dir, recording(options), metadata=metadata, carrier=carrier
@@ -69,6 +70,7 @@ class RunBag:
             }
         )
         self._add_graph()
+
         if track:
             self.recorder.attach(track_file(track))
 
@@ -119,8 +121,10 @@ def _settings(nodes: Iterable[Node]) -> dict[str, str]:
             of_node = _of_simulator(node)
         else:
             continue
+
         for name, value in of_node.items():
             settings.setdefault(name, value)
+
     return {name: str(value) for name, value in settings.items()}
 
 
@@ -128,6 +132,7 @@ def _of_controller(node: CruiseController) -> dict[str, Any]:
     settings: dict[str, Any] = {}
     if not (node.lane and node.lane.plans_speed):
         settings |= {name: node.values[name] for name in GAINS if name in node.values}
+
     if node.lane and node.has_parameter('lane_type'):
         settings['lane'] = node.get_parameter('lane_type').value
     return settings

@@ -53,11 +53,13 @@ def run_nodes(options: Namespace, inputs: RunInputs, stop: StopSignals) -> int:
         simulator = _add_simulator(run)
         if terminal:
             _add_keyboard(run, terminal, simulator)
+
         if not options.quiet:
             run.display = Display()
             simulator.on_step = LiveLine(run.display, relay).show
         print_line(options, f'engine     {carrier.name}')
         add_views(run)
+
         run.prepare()
         stop.then(run.finish)
         if terminal:
@@ -173,9 +175,9 @@ class LiveLine:
         self._display = display
         self._relay = relay
 
-    def show(self, t: float, seen: Observation) -> None:
+    def show(self, t: float, observation: Observation) -> None:
         """Show the state at `t` [s]."""
         request = self._relay.driver.request if self._relay else None
-        speed = seen.true.v_x
-        steering = seen.acting.servo
-        self._display.show(seen.true.x, lambda: drive_line(t, speed, steering, request))
+        speed = observation.true.v_x
+        steering = observation.acting.servo
+        self._display.show(observation.true.x, lambda: drive_line(t, speed, steering, request))

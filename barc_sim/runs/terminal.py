@@ -149,12 +149,12 @@ def print_summary(summary: Summary, late: str) -> None:
     for part in summary.stretches:
         place = f'{part.start:5.1f} to {part.end:5.1f} m'
         rows.append(_error_row(place, f'{part.theta_deg:+.0f}°', part.rms_error, part.max_error))
-    _print_table(
-        ('Speed error', '', 'grade', 'RMS, m/s', 'maximum, m/s'),
-        rows,
-        f'overshoot {_figure(".1%", summary.overshoot)}, '
-        f'settling time (2 %) {_figure(".2f", summary.settling_time)} s, {late}',
-    )
+
+    headings = ('Speed error', '', 'grade', 'RMS, m/s', 'maximum, m/s')
+    overshoot = _figure('.1%', summary.overshoot)
+    settling_time = _figure('.2f', summary.settling_time)
+    footer = f'overshoot {overshoot}, settling time (2 %) {settling_time} s, {late}'
+    _print_table(headings, rows, footer)
 
 
 def _error_row(place: str, grade: str, rms: float, maximum: float) -> tuple[str, ...]:
@@ -176,8 +176,16 @@ def print_summaries(kind: str, summaries: Mapping[str, Summary], late: str) -> N
         )
         for name, summary in summaries.items()
     ]
-    figures = ('RMS, m/s', 'maximum, m/s', 'overshoot', 'settling, s')
-    _print_table(('Speed error after 10 m', kind, *figures), rows, late)
+
+    headings = (
+        'Speed error after 10 m',
+        kind,
+        'RMS, m/s',
+        'maximum, m/s',
+        'overshoot',
+        'settling, s',
+    )
+    _print_table(headings, rows, late)
 
 
 def print_track_laps(cars: Mapping[str, TrackLaps], late: str) -> None:
@@ -188,14 +196,18 @@ def print_track_laps(cars: Mapping[str, TrackLaps], late: str) -> None:
     rows: list[Sequence[str]] = []
     footer: list[str] = []
     for name, laps in cars.items():
-        listed = [*laps.finished]
-        if not listed or laps.current.time > _MIN_TIME:
-            listed.append(laps.current)
-        for lap in listed:
-            number, *figures = lap.cells
+        table_laps = [*laps.finished]
+        if not table_laps or laps.current.time > _MIN_TIME:
+            table_laps.append(laps.current)
+
+        for lap in table_laps:
+            number = lap.cells[0]
+            figures = lap.cells[1:]
             rows.append((f'{name} {number}'.strip(), *figures))
+
         if laps.best:
             footer.append(f'{name} best lap {laps.best.time:.2f} s'.strip())
+
     _print_table(('Laps', *LAP_HEADINGS), rows, *footer, late)
 
 
