@@ -213,7 +213,7 @@ class BagFile(Protocol):
     path: Path
     damage: Damage  #: `messages` renews it
     has_summary: bool  #: whether topics and time span are known before the messages are read
-    span: Span  #: the time span of all messages, if it has a summary
+    span: Span  #: the time span of all messages; empty if it is unknown
 
     @property
     def attachment_names(self) -> Sequence[str]:

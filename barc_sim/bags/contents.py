@@ -133,9 +133,14 @@ class Contents:
         return [(topic, self._counts[id(topic)]) for topic in topics]
 
     def complete(self) -> None:
-        """Read all messages if a file has no summary, to find the topics and the span."""
-        if not all(file.has_summary for file in self.files):
-            self.read_all()
+        """Read the files without a summary, to find their topics and time spans."""
+        for file in self.files:
+            if file.has_summary or file.span.count:
+                continue
+            span = Span()
+            for message in file.messages():
+                span.add(message.received)
+            file.span = span
 
     def read_all(self) -> None:
         """Read all messages, so that they are counted and their damage is found."""

@@ -9,6 +9,7 @@ import sqlite3
 import tempfile
 from contextlib import closing, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -29,9 +30,15 @@ from barc_sim.bags import reader
 from barc_sim.bags.bag_files import files
 from barc_sim.bags.contents import Contents
 from barc_sim.bags.convert import log_of_fields
+from barc_sim.bags.mcap_files import McapFile
 from barc_sim.bags.recovery import recover
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import closed_loop
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from barc_sim.bags.messages import BagMessage
 
 SECOND = 10**9
 START = 1_700_000_000 * SECOND
@@ -236,6 +243,28 @@ def test_the_bag_of_a_killed_recorder_is_read_with_its_last_file(
         shutil.copy(write_bag(tmp_path / 'first', FILES[:2]) / 'metadata.yaml', file)
         file.write_text(file.read_text().replace('first', 'drive'))
     assert received(path) == IN_ORDER
+
+
+def test_of_a_killed_recording_only_the_last_file_is_read_for_its_time_span(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_bag(tmp_path / 'drive', FILES)
+    last = files(path)[-1]
+    last.write_bytes(last.read_bytes()[:-300])
+    contents = Contents(path)
+    read: list[Path] = []
+    messages = McapFile.messages
+
+    def noted(file: McapFile, start: int | None = None) -> Iterator[BagMessage]:
+        read.append(file.path)
+        return messages(file, start)
+
+    monkeypatch.setattr(McapFile, 'messages', noted)
+    contents.complete()
+    contents.complete()
+    assert read == [last]
+    assert contents.span.count == 30
+    assert contents.span.end == START + 10**8 * 30
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
