@@ -16,7 +16,7 @@ from barc_sim.control.speed import ACCELERATION_LIMIT, KD, KI, KP, NO_LIMIT
 from barc_sim.errors import UserError, escaped
 from barc_sim.parallel.options import add_executor_options, interruptible_executor_of
 from barc_sim.simulation.scenario import LIMITS, Scenario
-from barc_sim.tuning import DISTANCE
+from barc_sim.tuning import DISTANCE, MIN_RESAMPLES
 from barc_sim.tuning import SPEED as TUNED_SPEED
 from barc_sim.vehicle.bicycles import INTEGRATORS
 from barc_sim.vehicle.parameters import ROWS
@@ -40,6 +40,7 @@ GAINS = {'kp': (KP, 100.0), 'ki': (KI, 4000.0), 'kd': (KD, 2.0)}
 #: The scores that --cost names.
 COSTS = {'rms': 'rms_error', 'max': 'max_error', 'overshoot': 'overshoot', 'effort': 'effort'}
 _MAX_GAIN = 1e6
+_MAX_RESAMPLES = 10**6
 
 
 def _add_numbers(parser: Parser, *rows: tuple[str, Callable[[str], float], Any, str, str]) -> None:
@@ -260,6 +261,15 @@ def add_arguments_identify(parser: Parser) -> None:
         help="euler: the simulator's default; rk4: for a real car (euler)",
     )
     parser.add_argument('--save', metavar='FILE', help='save a figure as .png, .pdf or .svg')
+    parser.add_argument(
+        '--bootstrap',
+        type=whole(MIN_RESAMPLES, _MAX_RESAMPLES),
+        default=0,
+        metavar='N',
+        help='fit N resamples of the residuals, too, for intervals that hold where residuals are '
+        'not white noise (none; 1000 is usual)',
+    )
+    add_executor_options(parser, 'processes that fit resamples', 'this one')
 
 
 def _field(text: str) -> tuple[str, str]:
@@ -280,6 +290,8 @@ def run_identify(options: Namespace) -> None:
     from barc_sim.tuning.identification import identify  # noqa: PLC0415
     from barc_sim.vehicle.bike_model import Vehicle  # noqa: PLC0415
 
+    if not options.bootstrap and (options.jobs or options.scheduler):
+        raise UserError('--jobs and --scheduler share the fits of --bootstrap: give it, too')
     path = figure_path(options.save)
     fields = dict(options.field)
     if fields and not {'v_x', 'motor'} <= fields.keys():
@@ -291,8 +303,14 @@ def run_identify(options: Namespace) -> None:
     ]
 
     vehicle = Vehicle(mass=options.mass)
-    with Console(stderr=True).status('identifying'):
-        identified = identify(*logs, vehicle=vehicle, integrator=options.integrator)
+    with interruptible_executor_of(options) as executor, Console(stderr=True).status('identifying'):
+        identified = identify(
+            *logs,
+            vehicle=vehicle,
+            integrator=options.integrator,
+            bootstrap=options.bootstrap,
+            executor=executor,
+        )
 
     width = max(map(len, identified.estimates))
     for name, estimate in identified.estimates.items():

@@ -8,7 +8,8 @@ motor; if the car steered, yaw rate and lateral speed give servo, tyres and yaw 
 The error has several minima over delay and lag. So a coarse search over both, by linear regression,
 gives several starts, and the best fit counts. A 95 % confidence interval comes from the Jacobian at
 the minimum; that of a delay from the profile of the error (Bates and Watts, "Nonlinear Regression
-Analysis", section 6.1), because its derivative jumps at each whole step.
+Analysis", section 6.1), because its derivative jumps at each whole step. `bootstrap.py` has other
+intervals, which need neither a linear model nor white noise.
 
 The mass cannot be identified: the motor command is an acceleration. So drag and friction are per
 unit mass, and stiffnesses and inertia are for the mass of `vehicle`.
@@ -16,6 +17,7 @@ unit mass, and stiffnesses and inertia are for the mass of `vehicle`.
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from math import inf, nan, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -24,7 +26,10 @@ import numpy as np
 
 from barc_sim.cli.packages import extra
 from barc_sim.errors import UserError
+from barc_sim.parallel.pieces import PieceSizes, finished_pieces, result_of, workers_of
 from barc_sim.simulation.log import COLUMNS
+from barc_sim.tuning import MIN_RESAMPLES
+from barc_sim.tuning.bootstrap import half_interval, resampled
 from barc_sim.tuning.prediction import (
     AT_REST,
     CarModel,
@@ -42,6 +47,7 @@ from barc_sim.vehicle.plant import Actuator
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
+    from concurrent.futures import Executor
 
     from barc_sim.simulation.log import Floats, Log
     from barc_sim.tuning.prediction import Stretch
@@ -135,7 +141,14 @@ class Identified:
         return self.estimates[name]
 
 
-def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'euler') -> Identified:
+def identify(
+    *logs: Log,
+    vehicle: Vehicle | None = None,
+    integrator: str = 'euler',
+    bootstrap: int = 0,
+    seed: int = 0,
+    executor: Executor | None = None,
+) -> Identified:
     """Return the parameters of the car that made the logs, with 95 % confidence intervals.
 
     The servo is among them where the car steered, tyres and yaw inertia where it slipped.
@@ -150,12 +163,20 @@ def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'eule
         Its mass and lengths; by default the lab's.
     integrator
         'euler', the default of the simulator, or 'rk4' for a real car.
+    bootstrap
+        Number of resamples of the residuals, each of which is fitted, too: the percentiles of the
+        fits are the intervals, in place of those by the Jacobian. These hold also where residuals
+        are not white noise. 0: no bootstrap; 1000 is usual.
+    seed
+        Of the random numbers of the bootstrap.
+    executor
+        Fits the resamples: any executor of `concurrent.futures`. By default this process does.
 
     Raises
     ------
     UserError
         if no log has two seconds of states with commands, if speeds or commands are those of no
-        car, or if SciPy is not installed.
+        car, if `bootstrap` is too small, or if SciPy is not installed.
 
     Examples
     --------
@@ -169,6 +190,11 @@ def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'eule
     0.13014 ± 0.00088 s
     """
     special = extra('scipy.special', 'identify', 'identify')
+    if bootstrap and bootstrap < MIN_RESAMPLES:
+        raise UserError(
+            f'bootstrap={bootstrap} must be at least {MIN_RESAMPLES}, as the intervals are '
+            'percentiles; 1000 is usual'
+        )
     for log in logs:
         _check_sizes(log)
     parts = [each for log in logs for each in stretches(log)]
@@ -204,6 +230,11 @@ def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'eule
     fit = search.across_kinks(search.fit(fit.values))
 
     estimates = _estimates(search, fit, special)
+    if bootstrap:
+        fits = _fits_of_resamples(_Resamples.of(search, fit, seed), bootstrap, executor)
+        estimates = {
+            name: _with_percentiles(estimate, fits[name]) for name, estimate in estimates.items()
+        }
     signals: dict[str, tuple[Floats, Floats, Floats]] = {}
     whiteness: dict[str, float] = {}
     t = np.concatenate([part.t[part.counted] for part in parts])
@@ -212,7 +243,7 @@ def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'eule
         signals[signal] = (t, values, values + errors)
         whiteness[signal] = _whiteness(errors, special)
 
-    remarks += _remarks(estimates, whiteness)
+    remarks += _remarks(estimates, whiteness, is_linearised=not bootstrap)
     is_odd = any(each.is_negative for each in estimates.values())
     if is_odd or whiteness['v_x'] < _SIGNIFICANT:
         remarks += _remark_on_units(parts, vehicle)
@@ -221,7 +252,7 @@ def identify(*logs: Log, vehicle: Vehicle | None = None, integrator: str = 'eule
 
 def _estimates(search: _Search, fit: _Fit, special: Any) -> dict[str, Estimate]:  # noqa: ANN401
     """Return the parameters of a fit by name, with their confidence intervals."""
-    degrees = max(len(fit.slopes) - len(fit.values) - search.free(fit.values), 1)
+    degrees = search.degrees(fit)
     # Of a car at rest the cost is 0: what is not known stays infinite.
     variance = max(2.0 * fit.cost / degrees, 1e-300)
     quantile = float(special.stdtrit(degrees, 0.975))
@@ -459,6 +490,10 @@ class _Search(NamedTuple):
         """Return how many numbers are estimated besides the parameters."""
         return sum(len(self._solve(each, values).free) for each in self.stretches)
 
+    def degrees(self, fit: _Fit) -> int:
+        """Return the degrees of freedom of the errors of a fit."""
+        return max(len(fit.slopes) - len(fit.values) - self.free(fit.values), 1)
+
     def with_certain_commands(self, values: Mapping[str, float]) -> _Search:
         """Return the search over stretches with the lost commands that are certain."""
         stretches = []
@@ -537,6 +572,63 @@ class _Search(NamedTuple):
         )
 
 
+class _Resamples(NamedTuple):
+    """Resamples of the residuals of a fit, as they are sent to a worker."""
+
+    search: _Search
+    values: dict[str, float]  #: of the fit
+    errors: Floats  #: of the fit
+    inflation: float  #: of the residuals, see `resampled`
+    seed: int
+    numbers: range  #: of the resamples
+
+    @classmethod
+    def of(cls, search: _Search, fit: _Fit, seed: int) -> _Resamples:
+        """Return no resamples yet of the residuals of a fit."""
+        inflation = sqrt(len(fit.slopes) / search.degrees(fit))
+        return cls(search, fit.values, fit.errors, inflation, seed, range(0))
+
+
+def _fits_of_resamples(
+    resamples: _Resamples, count: int, executor: Executor | None
+) -> dict[str, Floats]:
+    """Return the values of each parameter, fitted to each of `count` resamples."""
+    fits = np.empty((count, len(resamples.values)))
+    if executor is None:
+        fits[:], _ = _fit_resamples(resamples._replace(numbers=range(count)))
+        return dict(zip(resamples.values, fits.T, strict=True))
+
+    sizes = PieceSizes(count, workers_of(executor))
+    pieces = (resamples._replace(numbers=numbers) for numbers in sizes.ranges())
+    for piece, future in finished_pieces(executor, _fit_resamples, pieces):
+        of_piece, duration = result_of(future)
+        sizes.measured(piece.numbers, duration)
+        fits[piece.numbers.start : piece.numbers.stop] = of_piece
+    return dict(zip(resamples.values, fits.T, strict=True))
+
+
+def _fit_resamples(resamples: _Resamples) -> tuple[Floats, float]:
+    """Return the values that fit each resample, and the duration [s]; called by workers."""
+    began = time.perf_counter()
+    search = resamples.search
+    fits = []
+    for number in resamples.numbers:
+        # By its number, so that each is the same, whichever worker fits it.
+        random = np.random.default_rng([resamples.seed, number])
+        stretches = resampled(search.stretches, resamples.errors, resamples.inflation, random)
+        other = search._replace(stretches=stretches)
+        fit = other.across_kinks(other.fit(resamples.values))
+        fits.append([fit.values[name] for name in resamples.values])
+    return np.array(fits), time.perf_counter() - began
+
+
+def _with_percentiles(estimate: Estimate, fits: Floats) -> Estimate:
+    """Return an estimate with the interval of fits to resamples, unless it cannot be known."""
+    if estimate.interval == inf:
+        return estimate
+    return estimate._replace(interval=half_interval(estimate.value, fits))
+
+
 def _actuator(values: Mapping[str, float], name: str) -> Actuator:
     """Return the actuator of this name with these values."""
     lag = values.get(f'{name}_lag', 0.0)
@@ -572,7 +664,9 @@ def _whiteness(errors: Floats, special: Any) -> float:  # noqa: ANN401 (a module
     return float(special.gammaincc(_LAGS / 2.0, statistic / 2.0))
 
 
-def _remarks(estimates: Mapping[str, Estimate], whiteness: Mapping[str, float]) -> Iterator[str]:
+def _remarks(
+    estimates: Mapping[str, Estimate], whiteness: Mapping[str, float], *, is_linearised: bool
+) -> Iterator[str]:
     """Yield a sentence for each parameter, and each signal, that the logs do not show well."""
     for name, estimate in estimates.items():
         interval = estimate.interval
@@ -588,10 +682,11 @@ def _remarks(estimates: Mapping[str, Estimate], whiteness: Mapping[str, float]) 
             yield f'{name} cannot be identified: it is known to ±{size} only'
     for signal, p in whiteness.items():
         if p < _SIGNIFICANT:
-            yield (
+            remark = (
                 f'the residuals of {signal} are not white noise (p = {p:.2g}): the car does more '
-                'than the model, and the intervals are too narrow'
+                'than the model'
             )
+            yield f'{remark}, and the intervals are too narrow' if is_linearised else remark
 
 
 def _remark_on_units(parts: Sequence[Stretch], vehicle: Vehicle) -> list[str]:

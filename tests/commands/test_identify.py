@@ -40,6 +40,13 @@ def test_parameters_and_remarks_are_printed_and_drawn(bag: Path, tmp_path: Path)
     assert figure.read_bytes().startswith(b'\x89PNG')
 
 
+def test_processes_fit_the_resamples_of_a_bootstrap(bag: Path) -> None:
+    words = ('identify', str(bag), '--bootstrap', '40')
+    alone = printed(*words)
+    assert printed(*words, '--jobs', '2') == alone
+    assert alone != printed('identify', str(bag))
+
+
 def test_fields_named_by_the_user_give_the_result_of_our_topics(bag: Path) -> None:
     """The times of reception stand in for the stamps."""
     fields = ['--field', 'v_x=/z_vhcl.v_x', '--field', 'motor=/ecu.motor']
@@ -53,6 +60,8 @@ def test_fields_named_by_the_user_give_the_result_of_our_topics(bag: Path) -> No
 @pytest.mark.parametrize(
     ('options', 'sentence'),
     [
+        (['--jobs', '2'], '--jobs and --scheduler share the fits of --bootstrap: give it, too'),
+        (['--bootstrap', '9'], '9 is not a whole number from 40 to'),
         (['--field', 'v_x'], "'v_x' must be a column and a field, as in v_x=/odom.twist.twist"),
         (['--field', 'v_x=/z_vhcl.v_x'], '--field names v_x: expected v_x and motor at least'),
         (

@@ -14,8 +14,9 @@ from command_line import printed, refused, wait_for
 from rosbag2_layouts import Sent, write_bag
 from user_files import CONTROLLER, MODEL, PLAIN_CONTROLLER, PLAIN_MODEL
 
-from barc_sim import sweep
+from barc_sim import identify, simulate, sweep
 from barc_sim.__main__ import main as barc
+from barc_sim.control.excitation import PRBS
 from barc_sim.errors import UserError
 from barc_sim.lab.confined.process import ProcessLimits, check_confinement
 from barc_sim.parallel.cluster import cluster
@@ -154,6 +155,15 @@ def test_bags_are_converted_on_a_cluster(tmp_path: Path, machines: Cluster) -> N
     assert (again.returncode, again.stdout) == (1, '')
     assert again.stderr.count('exists: name a new --output') == 3
     assert f"a worker of the cluster finds no '{tmp_path / 'missing'}'" in again.stderr
+
+
+@pytest.mark.slow
+def test_a_bootstrap_on_a_cluster_has_the_same_bits(machines: Cluster) -> None:
+    pytest.importorskip('scipy')
+    log = simulate(controller=PRBS(), road='flat', distance=40.0, noise=0.02, delay=0.1)
+    with cluster(machines.address) as executor:
+        shared = identify(log, bootstrap=60, executor=executor)
+    assert shared.estimates == identify(log, bootstrap=60).estimates
 
 
 def test_the_options_exclude_each_other() -> None:
