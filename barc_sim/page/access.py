@@ -64,6 +64,7 @@ def _name_of(host: str) -> str:
         _ = parts.port  # a ValueError, if it is none
     except ValueError:
         return ''
+
     has_other_parts = parts.netloc != host or '@' in host
     if has_other_parts:
         return ''

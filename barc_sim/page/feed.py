@@ -29,7 +29,7 @@ from barc_sim.simulation.log import TrackLog, columns_of
 from barc_sim.simulation.metrics import Laps, TrackLaps, laps_of, track_laps_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from barc_sim.simulation.log import Log
 
@@ -43,11 +43,15 @@ FIELDS[PID_STATE] |= dict.fromkeys(OTHER_TERMS, nan)
 #: The topics that a feed takes.
 SUBSCRIBED = (STATE, *FIELDS, CONTROLLER_STATE)
 _STATE = attrgetter('x', 'y', 'psi', 'v_x', 'v_y')
-_ALL = {topic: attrgetter(*fields) for topic, fields in FIELDS.items() if topic != PID_STATE}
-#: The place of each field in a topic's values.
-_PLACES = {
-    topic: {name: place for place, name in enumerate(fields)} for topic, fields in FIELDS.items()
-}
+_GETTERS = {topic: attrgetter(*fields) for topic, fields in FIELDS.items() if topic != PID_STATE}
+
+
+def _places(fields: Iterable[str]) -> dict[str, int]:
+    """Return the place of each field in a topic's values."""
+    return {name: place for place, name in enumerate(fields)}
+
+
+_PLACES = {topic: _places(fields) for topic, fields in FIELDS.items()}
 _ROW = struct.Struct(f'<{len(COLUMNS)}d')
 _HISTORY = 3000  #: rows that are sent to a page when it opens: a minute
 #: Queued messages of a topic, which wait for the server's thread on a busy machine, or for their
@@ -121,6 +125,7 @@ class Feed:
                 self._first = stamp
             rows.append(self._row(stamp, *values))
             self._newest = NewestState(received, stamp)
+
         self._history.extend(rows)
         return b''.join(rows)
 
@@ -158,6 +163,7 @@ class Feed:
         is_on_track = not isnan(self._latest[TRACK_STATE][0])
         if is_on_track:
             lap = self._add_to_track_laps(t)
+
         return _ROW.pack(
             t,
             distance,
@@ -174,6 +180,7 @@ class Feed:
         """Add the newest state to the laps of the track; return the number of its lap."""
         if self.track_laps is None:
             self.track_laps = TrackLaps()
+
         return self.track_laps.add(
             t,
             self._field(TRACK_STATE, 'lap'),
@@ -208,12 +215,14 @@ class Feed:
         """Return the simulated seconds per second over the last calls; None at the first calls."""
         if self._newest is None:
             return None
+
         factor = None
         if len(self._window) == _WINDOW:
             earliest = self._window[0]
             real = self._newest.received - earliest.received
             simulated = self._newest.stamp - earliest.stamp
             factor = simulated / real if real else 0.0
+
         self._window.append(self._newest)
         return factor
 
@@ -231,7 +240,7 @@ def _values_of(topic: str, message: Any) -> tuple[float, ...]:  # noqa: ANN401 (
     if topic in (PID_STATE, CONTROLLER_STATE):
         values = _controller_values(message, has_names=topic == CONTROLLER_STATE)
     else:
-        values = _ALL[topic](message)
+        values = _GETTERS[topic](message)
         if topic != LANE_STATE:
             return values if _is_valid(values) else ()
     return tuple(value if abs(value) <= _MAX_VALUE else nan for value in values)
@@ -242,12 +251,14 @@ def _controller_values(message: Any, *, has_names: bool) -> tuple[float, ...]:  
     terms: dict[str, float] = {}
     if has_names:
         terms = dict(zip(message.names, message.values, strict=False))
+
     values = []
     for name in FIELDS[PID_STATE]:
         if name in terms:
             values.append(terms[name])
         else:
             values.append(getattr(message, name, nan))
+
     return tuple(values)
 
 
@@ -266,6 +277,7 @@ def rows_of(log: Log) -> bytes:
     }
     if isinstance(completed, TrackLog):
         columns['track_lap'] = completed.lap
+
     _, lap_numbers = laps_in(completed)
     columns['lap'] = np.array(lap_numbers, dtype=float)
 

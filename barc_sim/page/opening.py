@@ -70,6 +70,7 @@ def open_page(url: str) -> RedirectFile | None:
     """
     if not is_at_desktop():
         return None
+
     file = None
     address = url
     if 'WSL_DISTRO_NAME' not in os.environ:  # a browser of Windows cannot open a path of Linux
@@ -78,5 +79,6 @@ def open_page(url: str) -> RedirectFile | None:
         except OSError:  # the user can open the link that is printed
             return None
         address = file.address
+
     Thread(target=webbrowser.open, args=(address,), name='browser', daemon=True).start()
     return file

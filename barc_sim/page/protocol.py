@@ -77,7 +77,7 @@ def _slider(parameter: ParameterDeclaration, meaning: str, maximum: float) -> Ga
 
 
 #: Sliders of every controller, in addition to its gains.
-OTHERS = {
+SHARED_SLIDERS = {
     'speed_reference': _slider(SPEED, 'speed to hold', 20.0),
     'acceleration_limit': _slider(LIMIT, 'acceleration limit', 20.0),
 }
@@ -223,8 +223,8 @@ class RunFacts(NamedTuple):
         if not self.speed.follows_reference:
             return {}
         if self.track:
-            return {**self.gains, 'speed_reference': OTHERS['speed_reference']}
-        return {**self.gains, **OTHERS, **CAR}
+            return {**self.gains, 'speed_reference': SHARED_SLIDERS['speed_reference']}
+        return {**self.gains, **SHARED_SLIDERS, **CAR}
 
     @property
     def distance(self) -> float:
@@ -272,6 +272,7 @@ def facts(mode: str, run: RunFacts) -> dict[str, Any]:
     simulator = run.simulator()
     car = Vehicle()
     controller_type = run.control.controller_type if run.control else ''
+
     fields = {
         'mode': mode,
         'columns': COLUMNS,
@@ -286,6 +287,7 @@ def facts(mode: str, run: RunFacts) -> dict[str, Any]:
         'run': {**_run_options(run), **run.options},
         'can_finish': run.finish is not None,
     }
+
     if run.track:
         fields |= track_facts(run.track)
     return fields
@@ -294,6 +296,7 @@ def facts(mode: str, run: RunFacts) -> dict[str, Any]:
 def _slider_facts(run: RunFacts, name: str) -> dict[str, Any]:
     gain = run.sliders[name]
     low, high = run.limits(name)
+
     return {
         'label': _label(name, gain),
         'short': _short(name),
@@ -325,6 +328,7 @@ def track_facts(track: Track) -> dict[str, Any]:
     s = track.samples()
     columns: dict[str, Any] = {'s': s, **track.place(s)._asdict(), 'curvature': track.curvature(s)}
     points = {name: column.round(6).tolist() for name, column in columns.items()}
+
     return {
         'mode': 'track',
         'track': {**points, 'length': track.length, 'width': track.width},
@@ -353,7 +357,7 @@ def _short(name: str) -> str:
 def _label(name: str, gain: Gain) -> str:
     """Return a slider's label, such as `Proportional gain, kp [1/s]`."""
     unit = '' if gain.unit == '-' else f' [{gain.unit}]'
-    symbol = '' if name in OTHERS or name in CAR else f', {name.removeprefix(LANE)}'
+    symbol = '' if name in SHARED_SLIDERS or name in CAR else f', {name.removeprefix(LANE)}'
     return f'{gain.meaning.capitalize()}{symbol}{unit}'
 
 
@@ -408,6 +412,7 @@ def stretch_facts(lap: Lap) -> list[dict[str, Any]]:
 def _lap(lap: Lap | TrackLap) -> dict[str, Any]:
     if isinstance(lap, TrackLap):
         return {**_finite(lap._asdict()), 'time': lap.time if lap.is_finished else None}
+
     summary = lap.summary
     return _finite(
         {

@@ -141,14 +141,19 @@ class RunPage(ViewServer):
         self._drive = drive
         self._request = request
         self._drivers = DriverArbiter()
-        self._values = run.values  # of the sliders, as last sent to the pages
-        self._settings = LapSettings()  # values of the sliders in each lap
-        self._at_start: dict[str, float] = {}
-        self._changed: set[str] = set()  # names of sliders that have been changed
+
+        # Of the sliders.
+        self._values = run.values  # as last sent to the pages
+        self._settings = LapSettings()  # their values in each lap
+        self._values_at_start: dict[str, float] = {}
+        self._changed_names: set[str] = set()
+
+        # Of the run.
         self._next_lap = 0  # the first whose results the pages do not have
-        self._paused = False
+        self._is_paused = False
         self._has_ended = False
         self._next_status = 0.0
+
         self.start()
 
     def end(self, reason: str, bag: str = '') -> None:
@@ -163,6 +168,7 @@ class RunPage(ViewServer):
             self._send_rows()
             self._send_status()
             self._has_ended = True
+
             self.feed.laps.end()
             stretches = stretch_facts(self.feed.laps.best or self.feed.laps.current)
             laps = self._lap_facts(self._next_lap)
@@ -181,9 +187,10 @@ class RunPage(ViewServer):
 
     def receive(self, page: ServerConnection, request: Request) -> None:
         """Handle a page's request."""
+        if self._has_ended:
+            return
+
         match request:
-            case _ if self._has_ended:
-                pass
             case DriverInput():
                 if self._drivers.accepts(page, request, time.monotonic()):
                     self._drive(request)
@@ -206,11 +213,11 @@ class RunPage(ViewServer):
     def _pass(self, page: ServerConnection, request: Request) -> None:
         """Pass a request to the simulator or the controller, and show the page the outcome."""
 
-        def on_done(is_done: bool, why: str) -> None:
+        def on_done(is_done: bool, reason: str) -> None:
             if is_done:
                 self._confirm(page, request)
             else:
-                self._refuse(page, request, why)
+                self._refuse(page, request, reason)
 
         self._request(request, on_done)
 
@@ -223,6 +230,7 @@ class RunPage(ViewServer):
         """Send new rows, and from time to time the status; return the time to the next call [s]."""
         if self._has_ended:
             return _SLOW_PERIOD
+
         now = time.monotonic()
         if self._drivers.times_out(now):
             self._drive(FULL_BRAKE)
@@ -234,6 +242,7 @@ class RunPage(ViewServer):
             self._send_changed_facts()
             if self.pages:
                 self._send_status()
+
         return self.feed.until_next() if self.pages else _SLOW_PERIOD
 
     def _send_rows(self) -> None:
@@ -255,18 +264,20 @@ class RunPage(ViewServer):
     def _note_settings(self) -> None:
         """Add the present values of the sliders to the settings of the present lap."""
         values = {name.removeprefix(LANE): value for name, value in self.run.values.items()}
-        if not self._at_start:
-            self._at_start = values
+        if not self._values_at_start:
+            self._values_at_start = values
+
         for name, value in values.items():
-            if value != self._at_start.get(name):
-                self._changed.add(name)
+            if value != self._values_at_start.get(name):
+                self._changed_names.add(name)
+
         if self.feed.time is not None:
             self._settings.add(self._laps.number, self.feed.time, values)
 
     def _settings_of(self, lap: int) -> str:
         """Return the gains of a lap in words, and what else has been changed in the run."""
         gains = {name.removeprefix(LANE) for name in self.run.gains}
-        names = gains | self._changed
+        names = gains | self._changed_names
 
         def only_named(values: Mapping[str, float]) -> dict[str, float]:
             return {name: value for name, value in values.items() if name in names}
@@ -278,9 +289,11 @@ class RunPage(ViewServer):
         return lap_facts(self._laps, self._settings_of, first)
 
     def _send_status(self) -> None:
-        status = self.run.status()
         laps = self._lap_facts(self._next_lap)
         self._next_lap = self._laps.number
+
+        status = self.run.status()
+        is_paused = self._is_paused if status.paused is None else status.paused
         self.send(
             encode(
                 'status',
@@ -288,7 +301,7 @@ class RunPage(ViewServer):
                 missed=status.missed,
                 laps=laps,
                 plan=self.feed.plan,
-                paused=self._paused if status.paused is None else status.paused,
+                paused=is_paused,
             )
         )
 
@@ -299,19 +312,19 @@ class RunPage(ViewServer):
                 new_value = self.run.values.get(name, value)
                 broadcast([page], encode('tuned', name=name, value=new_value))
             case Pause(on):
-                self._paused = on
+                self._is_paused = on
                 self._send_status()
 
-    def _refuse(self, page: ServerConnection, request: Request, why: str) -> None:
+    def _refuse(self, page: ServerConnection, request: Request, reason: str) -> None:
         """Show on the page why its request was refused."""
         match request:
             case Tune(name):
-                broadcast([page], encode('refused', what=name, why=f'{name}: {why}'))
+                broadcast([page], encode('refused', what=name, why=f'{name}: {reason}'))
             case Pause():
-                broadcast([page], encode('refused', what='pause', why=why))
+                broadcast([page], encode('refused', what='pause', why=reason))
             case Press(button):
-                what = button.replace('reset_', 'reset the ')
-                broadcast([page], encode('refused', what=what, why=why))
+                action = button.replace('reset_', 'reset the ')
+                broadcast([page], encode('refused', what=action, why=reason))
 
 
 class GhostRun(NamedTuple):
@@ -376,6 +389,7 @@ def serve(log: Log, title: str, host: str, port: int, ghost: GhostRun | None = N
         Where to serve it.
     """
     server = ViewServer(host, port, replay(log, title, ghost))
+
     server.start()
     try:
         with suppress(KeyboardInterrupt):

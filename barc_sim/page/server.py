@@ -196,9 +196,9 @@ class ViewServer:
 
     def _answer(self, _connection: ServerConnection, request: HttpRequest) -> Response | None:
         """Return a file or an error as a response; None lets the websocket open."""
-        why = refusal(request.headers, self._hosts)
-        if why:
-            return _refuse(HTTPStatus.FORBIDDEN, why)
+        reason = refusal(request.headers, self._hosts)
+        if reason:
+            return _refuse(HTTPStatus.FORBIDDEN, reason)
 
         path, _, _ = request.path.partition('?')
         token, slash, name = path[1:].partition('/')
@@ -213,6 +213,7 @@ class ViewServer:
 
         if name == 'socket':
             return None
+
         name = name or 'index.html'
         if name in self._files:
             return _response(HTTPStatus.OK, _TYPES[Path(name).suffix], self._files[name])
@@ -239,6 +240,7 @@ def _listen(address: str, port: int) -> socket.socket:
     try:
         places = socket.getaddrinfo(address, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
         family, _, _, _, where = places[0]
+
         return socket.create_server(where[:2], family=family)
     except OSError as error:
         raise UserError(

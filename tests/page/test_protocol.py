@@ -20,7 +20,7 @@ from barc_sim.errors import UserError
 from barc_sim.interfaces.records import Command
 from barc_sim.page.protocol import (
     CAR,
-    OTHERS,
+    SHARED_SLIDERS,
     Pause,
     Press,
     RequestError,
@@ -147,7 +147,7 @@ def test_road_and_car_are_among_the_facts() -> None:
 def test_sliders_and_terms_follow_from_the_controllers_declaration() -> None:
     page_facts = facts('acc', run_of(LQR(observer_gain=0.5)))
     assert page_facts['terms'] == ['feedback', 'compensation']
-    assert [*page_facts['sliders']] == [*LQR.gains, *OTHERS, *CAR]
+    assert [*page_facts['sliders']] == [*LQR.gains, *SHARED_SLIDERS, *CAR]
     assert page_facts['sliders']['observer_gain'] == {
         'label': 'Gain of the disturbance observer, observer_gain',
         'short': 'observer gain',
