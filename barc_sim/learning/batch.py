@@ -184,6 +184,7 @@ def model_of(model: PlantModel, car: Car) -> PlantModel:
     lateral = LateralParameters(
         car.yaw_inertia, car.front_stiffness, car.rear_stiffness, car.dynamic_above
     )
+
     motor = model.motor
     servo = model.servo
     return PlantModel(
@@ -227,16 +228,20 @@ def store(car: Car, now: PlantState) -> None:
     car.psi = now.state.psi
     car.v = now.state.v
     store_slip(car, now.slip)
+
     car.motor = now.acting.motor
     car.servo = now.acting.servo
+
     car.s = now.frenet.s
     car.e_y = now.frenet.e_y
     car.e_psi = now.frenet.e_psi
     car.curvature = now.frenet.curvature
+
     car.lap = now.laps.lap
     car.began = now.laps.began
     car.is_whole = now.laps.is_whole
     car.finished = now.laps.finished
+
     car.steps = now.steps
     car.segment = now.segment
     car.stretch = now.stretch
@@ -259,10 +264,12 @@ def begin_car(batch: BatchModel, columns: BatchColumns, i: int) -> PlantState:
     car = columns.cars[i]
     now = start(batch.plant, state, s, s == 0.0)
     store(car, now)
+
     for j in range(columns.queues.motor.shape[1]):
         columns.queues.motor[i, j] = 0.0
     for j in range(columns.queues.servo.shape[1]):
         columns.queues.servo[i, j] = 0.0
+
     car.integral = 0.0
     car.previous = nan
     car.commanded_motor = 0.0
@@ -279,6 +286,7 @@ def drive_car(
     rules = batch.rules
     car = columns.cars[i]
     before = state_of(car)
+
     command = answer(batch, car, action)
     queues = Queues(columns.queues.motor[i], columns.queues.servo[i])
     now = advance(model, before, queues, command, car.force)
@@ -304,6 +312,7 @@ def answer(batch: BatchModel, car: Car, action: Column) -> Command:
         car.integral = memory.integral
         car.previous = memory.previous
         speed_command = terms.output
+
     command = command_of(batch.rules, speed_command, action)
     car.commanded_motor = command.motor
     car.commanded_servo = command.servo
@@ -319,6 +328,7 @@ def measure_car(
         motion = measured_late(
             columns.past[i], steps, motion, batch.sensor_whole, batch.sensor_share
         )
+
     if batch.is_noisy:
         levels = levels_of(batch.noise, columns.cars[i].noise)
         error = error_of(levels, columns.normals[k, i])
@@ -351,6 +361,7 @@ def observe_car(
     )
     observation = columns.observations[i]
     count = observe(rules, signals, observation)
+
     car.row = row_at(batch.ahead, place.s if rules.has_track else motion.x, car.row)
     ahead = batch.ahead.rows[car.row]
     for j in range(len(ahead)):
@@ -366,6 +377,7 @@ def step_car(batch: BatchModel, columns: BatchColumns, k: int, i: int) -> bool:
     car = columns.cars[i]
     model = model_of(batch.plant, car)
     has_finished = False
+
     if car.is_new:
         now = begin_car(batch, columns, i)
         columns.rewards[i] = 0.0
@@ -373,6 +385,7 @@ def step_car(batch: BatchModel, columns: BatchColumns, k: int, i: int) -> bool:
     else:
         now = drive_car(batch, columns, i, model, columns.actions[i])
         has_finished = not isnan(now.laps.finished)
+
     observe_car(batch, columns, i, model, now, k)
     return has_finished
 

@@ -161,13 +161,14 @@ class CarEnv(_PlainSpec, gymnasium.Env[Any, Any]):
         task = self.task
         shares = self._episode_generator.random(len(task.draws))
         values = task.draw(shares, options).tolist()
-        drawn = dict(zip(task.draws, values, strict=True))
+        draws = dict(zip(task.draws, values, strict=True))
 
         if task.ranges:
-            self._plant = task.plant(drawn)
+            self._plant = task.plant(draws)
             self._plant.sensor = self._sensor
-        self._sensor.noise = task.noise(drawn['noise'])
-        self._plant.place(task.state(drawn), near=drawn['s'])
+        self._sensor.noise = task.noise(draws['noise'])
+        self._plant.place(task.state(draws), near=draws['s'])
+
         self._pid.reset()
         self._command = Command()
         self._s = self._plant.distance
@@ -199,10 +200,12 @@ class CarEnv(_PlainSpec, gymnasium.Env[Any, Any]):
         """
         if self._command is None:
             raise _not_reset('step')
+
         task = self.task
         rules = task.rules
         plant = self._plant
         numbers = task.action(action)
+
         speed_command = 0.0
         if 'motor' not in task.actions:
             speed_command = self._pid.acc_calculate(rules.speed, self._speed, task.ts)
@@ -217,11 +220,12 @@ class CarEnv(_PlainSpec, gymnasium.Env[Any, Any]):
         self._s = s
         e_y = plant.now.frenet.e_y
         v = plant.now.state.v
-        gained = reward(rules, way, e_y, v)
-        over = is_over(rules, s, e_y, v)
+        step_reward = reward(rules, way, e_y, v)
+        terminated = is_over(rules, s, e_y, v)
+
         if self._is_shown:
             self.render()
-        return observation, gained, over, False, info
+        return observation, step_reward, terminated, False, info
 
     def _observe(self, command: Command) -> Floats:
         """Measure the present state; return the observation."""
@@ -248,6 +252,7 @@ class CarEnv(_PlainSpec, gymnasium.Env[Any, Any]):
         now = plant.now
         if not plant.track:
             return {'s': now.state.x}
+
         frenet = now.frenet
         laps = now.laps
         return {
@@ -264,6 +269,7 @@ class CarEnv(_PlainSpec, gymnasium.Env[Any, Any]):
             return None
         if self._command is None:
             raise _not_reset('render')
+
         if not self._picture:
             from barc_sim.learning.rendering import Picture  # noqa: PLC0415 (slow)
 
@@ -335,6 +341,7 @@ class CarVectorEnv(_PlainSpec, VectorEnv[Any, Any, Any]):
         self._model = batch_model_of(self.task, pid)
         self._columns: BatchColumns | None = None  # None before the first episode
         self._noise_row = 0  # of the next measurement
+
         pieces = 1
         if is_compiled():
             pieces = max(min(num_envs // _MIN_PIECE, cpu_count() or 1), 1)
@@ -393,12 +400,14 @@ class CarVectorEnv(_PlainSpec, VectorEnv[Any, Any, Any]):
         """
         n = self.num_envs
         continued = [seed is None for seed in seeds]
+
         if not self._noise_generators:
             _, first = np_random()
             seeds = [first + i if seed is None else seed for i, seed in enumerate(seeds)]
             continued = [False] * n
             self._noise_generators = [np.random.default_rng(0)] * n
             self._episode_generators = [np.random.default_rng(0)] * n
+
         for i, seed in enumerate(seeds):
             if seed is not None:
                 generator, _ = np_random(seed)
@@ -415,11 +424,13 @@ class CarVectorEnv(_PlainSpec, VectorEnv[Any, Any, Any]):
         if before is not None:
             left = NOISE_BLOCK - self._noise_row
             normals[:left] = before.normals[self._noise_row :]
+
         for car, is_continued in enumerate(continued):
             first = left if is_continued else 0
             count = NOISE_BLOCK - first
             generator = self._noise_generators[car]
             normals[first:, car] = generator.standard_normal((count, normals.shape[2]))
+
         self._noise_row = 0
 
     def _draw_noise(self, normals: Floats) -> None:
@@ -429,6 +440,7 @@ class CarVectorEnv(_PlainSpec, VectorEnv[Any, Any, Any]):
             generators = self._noise_generators[first : first + _TOGETHER]
             for generator, of_car in zip(generators, block, strict=False):
                 generator.standard_normal(out=of_car)
+
             of_cars = block[: len(generators)]
             normals[:, first : first + _TOGETHER] = of_cars.transpose(1, 0, 2)
         self._noise_row = 0
@@ -453,6 +465,7 @@ class CarVectorEnv(_PlainSpec, VectorEnv[Any, Any, Any]):
         """
         if self._columns is None:
             raise _not_reset('step')
+
         # The caller keeps the arrays of the step before.
         columns = self._columns._replace(
             actions=self.task.action_rows(actions, self.num_envs),
@@ -461,6 +474,7 @@ class CarVectorEnv(_PlainSpec, VectorEnv[Any, Any, Any]):
             over=np.empty(self.num_envs, np.bool_),
         )
         self._columns = columns
+
         restarted = np.flatnonzero(self._over)
         if len(restarted):
             self._begin(restarted)
@@ -494,17 +508,18 @@ class CarVectorEnv(_PlainSpec, VectorEnv[Any, Any, Any]):
         if step is None:
             step = compiled_for(step_cars, model, columns, row, 0, 0)
             self._loop = step
+
         if len(edges) == 2:  # noqa: PLR2004 (first and last)
             return step(model, columns, row, 0, self.num_envs)
 
         if self._threads is None:
             self._threads = ThreadPoolExecutor(len(edges) - 2)
-        others = [
+        futures = [
             self._threads.submit(step, model, columns, row, first, last)
             for first, last in pairwise(edges[1:])
         ]
         laps = step(model, columns, row, 0, edges[1])
-        return laps + sum(other.result() for other in others)
+        return laps + sum(future.result() for future in futures)
 
     def _set_forces(self, cars: Any) -> None:  # noqa: ANN401 (an array of records)
         """Set the force on each car, from a disturbance that changes over time or place."""
@@ -527,6 +542,7 @@ class CarVectorEnv(_PlainSpec, VectorEnv[Any, Any, Any]):
         cars = self._columns.cars
         if not self.task.track:
             return {'s': cars['x'].copy()}
+
         return {
             's': cars['s'].copy(),
             'e_y': cars['e_y'].copy(),
@@ -540,37 +556,41 @@ class CarVectorEnv(_PlainSpec, VectorEnv[Any, Any, Any]):
         assert self._columns is not None  # noqa: S101 (`reset` has set it)
         values = self.task.draw(self._next_shares(cars), options)
         self._columns.starts[cars] = values[:, : len(STARTS)]
+
         records = self._columns.cars
         records['noise'][cars] = values[:, len(STARTS)]
         records['is_new'][cars] = True
         if self.task.ranges:
             self._vary(cars, dict(zip(self.task.draws, values.T, strict=True)))
+
         for car in cars.tolist():
             self._lap_times[car] = ()
 
     def _next_shares(self, cars: Cars) -> Floats:
         """Return the random values of a new episode of these cars, from 0 to 1."""
-        used = self._used_shares[cars]
-        empty = used == _EPISODES
-        if empty.any():
-            for car in cars[empty].tolist():
+        episodes = self._used_shares[cars]
+        is_used_up = episodes == _EPISODES
+        if is_used_up.any():
+            for car in cars[is_used_up].tolist():
                 self._episode_generators[car].random(out=self._shares[car])
-            used[empty] = 0
-        self._used_shares[cars] = used + 1
-        shares: Floats = self._shares[cars, used]
+            episodes[is_used_up] = 0
+
+        self._used_shares[cars] = episodes + 1
+        shares: Floats = self._shares[cars, episodes]
         return shares
 
-    def _vary(self, cars: Cars, drawn: Mapping[str, Floats]) -> None:
+    def _vary(self, cars: Cars, draws: Mapping[str, Floats]) -> None:
         """Give these cars the values of `ranges` that were drawn."""
         assert self._columns is not None  # noqa: S101 (`reset` has set it)
         records = self._columns.cars
+
         for name in self.task.ranges:
             if name == 'delay':
-                self._set_delays(cars, drawn['delay'])
+                self._set_delays(cars, draws['delay'])
             elif name == 'disturbance':
-                records['force'][cars] = drawn['disturbance']
+                records['force'][cars] = draws['disturbance']
             else:
-                records[name][cars] = drawn[name]
+                records[name][cars] = draws[name]
 
     def _set_delays(self, cars: Cars, delays: Floats) -> None:
         """Delay the commands to these cars, by [s]; also to the servo unless it was given."""

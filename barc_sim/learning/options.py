@@ -64,14 +64,14 @@ _DATACLASSES: Mapping[str, type[Any]] = {'road': Road, 'track': Track, 'disturba
 
 
 def checked_numbers(
-    what: str,
+    argument: str,
     values: Any,  # noqa: ANN401 (a user's)
     limits: Mapping[str, tuple[float, float]],
 ) -> dict[str, float]:
     """Return a new dict of numbers by name; UserError: it is none, or one is beyond its limits."""
-    numbers = _checked_names(what, values, limits)
+    numbers = _checked_names(argument, values, limits)
     for name, number in numbers.items():
-        _check_number(what, name, number, limits[name])
+        _check_number(argument, name, number, limits[name])
     return numbers
 
 
@@ -85,30 +85,34 @@ def checked_ranges(ranges: Any) -> dict[str, tuple[float, float]]:  # noqa: ANN4
             raise UserError(
                 f'ranges: {name}: {pair!r} is not a pair of numbers: give (lowest, highest)'
             ) from None
+
         _check_number('ranges', name, lowest, VARIED[name])
         _check_number('ranges', name, highest, VARIED[name])
     return pairs
 
 
 def _checked_names(
-    what: str,
+    argument: str,
     values: Any,  # noqa: ANN401 (a user's)
     limits: Mapping[str, tuple[float, float]],
 ) -> dict[str, Any]:
     try:
         by_name = {} if values is None else dict(values)
     except (TypeError, ValueError):
-        raise UserError(f'{what}: {values!r} is not a dict: give each value by its name') from None
+        raise UserError(
+            f'{argument}: {values!r} is not a dict: give each value by its name'
+        ) from None
+
     for name in by_name:
         if name not in limits:
-            raise UserError(f'{what}: {name!r} must be one of {", ".join(limits)}')
+            raise UserError(f'{argument}: {name!r} must be one of {", ".join(limits)}')
     return by_name
 
 
-def _check_number(what: str, name: str, number: object, limits: tuple[float, float]) -> None:
+def _check_number(argument: str, name: str, number: object, limits: tuple[float, float]) -> None:
     reason = not_between(number, *limits)
     if reason:
-        raise UserError(f'{what}: {name}: {reason}')
+        raise UserError(f'{argument}: {name}: {reason}')
 
 
 def scenario_of(scenario: Any) -> Any:  # noqa: ANN401 (a user's)
@@ -118,10 +122,12 @@ def scenario_of(scenario: Any) -> Any:  # noqa: ANN401 (a user's)
     """
     if not isinstance(scenario, Mapping):
         return scenario
+
     names = [field.name for field in fields(Scenario)]
     for name in scenario:
         if name not in names:
             raise UserError(f'scenario: {name!r} must be one of {", ".join(names)}')
+
     return Scenario(**{name: option_of(name, value) for name, value in scenario.items()})
 
 
@@ -137,6 +143,7 @@ def option_of(name: str, value: Any) -> Any:  # noqa: ANN401 (of any option)
                 f'{name} {value!r} has {len(value)} numbers: expected {", ".join(record._fields)}'
             )
         return record(*value)
+
     if name in _DATACLASSES and isinstance(value, dict):
         return _dataclass_of(name, value)
     return value

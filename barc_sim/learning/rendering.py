@@ -37,11 +37,13 @@ class Picture:
         self._task = task
         self._in_window = in_window
         self._title = type(task).__name__
+
         self._window = windows.window(self._title) if in_window else None
         if self._window:
             self._window.canvas.mpl_connect('close_event', lambda _: self.close())
         elif in_window:
             warn(_NO_WINDOW, stacklevel=3)
+
         self.begin()
 
     def begin(self) -> None:
@@ -60,6 +62,7 @@ class Picture:
         """Return the picture; None with a window."""
         if self._in_window and not self._window:
             return None
+
         log = self._log(plant, command)
         length = max(self._task.length, _SHORTEST)
         stretch = plant.distance // length
@@ -95,6 +98,7 @@ class Picture:
         figure = Figure(SIZE, _DPI)
         stretch = RoadStretch(task.road, first, last)
         self._view: RunView = view_of(log, figure, self._title, stretch)
+
         _, course, chart = figure.axes[:3]
         if task.track:
             chart.set(xlim=(first, last), ylim=(-task.half_width, task.half_width))
@@ -102,6 +106,7 @@ class Picture:
             course.set_xlim(first, last)
             chart.set(xlim=(first, last), ylim=(0.0, 2.0 * task.speed))
             chart.axhline(task.speed, color=INK, lw=1.0, ls=DASHES)
+
         self._frames = frames(self._view, self._latest_times())
 
     def _latest_times(self) -> Iterator[float]:

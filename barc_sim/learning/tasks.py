@@ -250,6 +250,7 @@ class DrivingTask:
         if 'track' in self.course and not scenario.track:
             raise needs_track(f'{type(self).__name__}-v0')
         _SPEED.check(scenario.speed_reference, 'speed_reference')
+
         allowed = {*self._allowed_options(), *OF_RUN}
         for name in scenario.changes():
             if name not in allowed:
@@ -324,10 +325,12 @@ class DrivingTask:
             motor=self.scenario.acceleration_limit,
             servo=STEERING_LIMIT,
         )
+
         bounds = self.limits._asdict()
         bounds_of_signals = [bounds[name] for name in (*self.measured, *self.actions)]
         self._signals = [0.0] * len(bounds_of_signals)
         self.high = np.array([*bounds_of_signals, *[self._max_ahead] * len(AHEAD)])
+
         self.rules = Rules(
             task=self.number,
             limits=self.limits,
@@ -338,17 +341,17 @@ class DrivingTask:
             is_closed=self.track is not None and self.track.is_closed,
         )
 
-    def plant(self, drawn: Mapping[str, float]) -> Plant:
+    def plant(self, draws: Mapping[str, float]) -> Plant:
         """Return the plant of an episode with these values of `ranges`."""
         scenario = self.scenario
-        varied = replace(
+        episode = replace(
             scenario,
-            vehicle=_varied(scenario.vehicle or Vehicle(), drawn),
-            lateral=_varied(scenario.lateral or LateralParameters(), drawn),
-            delay=drawn.get('delay', scenario.delay),
-            disturbance=drawn.get('disturbance', scenario.disturbance),
+            vehicle=_with_values(scenario.vehicle or Vehicle(), draws),
+            lateral=_with_values(scenario.lateral or LateralParameters(), draws),
+            delay=draws.get('delay', scenario.delay),
+            disturbance=draws.get('disturbance', scenario.disturbance),
         )
-        return varied.plant()
+        return episode.plant()
 
     def noise(self, speed_level: float) -> NoiseLevels:
         """Return the levels of an episode whose noise of the speed is `speed_level` [m/s]."""
@@ -380,12 +383,12 @@ class DrivingTask:
                 values[..., self._columns[name]] = value
         return values
 
-    def state(self, drawn: Mapping[str, float]) -> BicycleState:
+    def state(self, draws: Mapping[str, float]) -> BicycleState:
         """Return the first state of an episode."""
-        s = drawn['s']
-        v = drawn['v']
+        s = draws['s']
+        v = draws['v']
         if self.track:
-            pose = self.track.place(s, drawn['e_y'], drawn['e_psi'])
+            pose = self.track.place(s, draws['e_y'], draws['e_psi'])
             return BicycleState(pose.x, pose.y, pose.psi, v)
         return BicycleState(s, 0.0, 0.0, v)
 
@@ -421,9 +424,9 @@ class DrivingTask:
         return np.array([*self._signals, *ahead])
 
 
-def _varied(record: Any, drawn: Mapping[str, float]) -> Any:  # noqa: ANN401 (a NamedTuple)
-    """Return a record with those of the drawn values that it has."""
-    return record._replace(**{name: drawn[name] for name in record._fields if name in drawn})
+def _with_values(record: Any, values: Mapping[str, float]) -> Any:  # noqa: ANN401 (a NamedTuple)
+    """Return a record with those of the values that it has a field for."""
+    return record._replace(**{name: values[name] for name in record._fields if name in values})
 
 
 class Hills(DrivingTask):
@@ -566,12 +569,14 @@ class OnnxPolicy:
         name = str(path)
         if not Path(name).is_file():
             raise UserError(f'{name!r} cannot be read: there is no such file')
+
         onnxruntime = extra('onnxruntime', repr(name), 'onnx')
         try:
             self._session = onnxruntime.InferenceSession(name, providers=['CPUExecutionProvider'])
             (entry,) = self._session.get_inputs()
         except Exception as error:  # noqa: BLE001 (of many kinds)
             raise UserError(f'{name!r} is not an ONNX file with one input: {error}') from None
+
         self._entry = entry.name
         self._kind = np.float64 if 'double' in entry.type else np.float32
 
