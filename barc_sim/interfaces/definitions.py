@@ -20,14 +20,16 @@ if TYPE_CHECKING:
 
     from rosbags.typesys.store import Typestore
 
-_NUMBERS = {f'{sign}int{bits}' for sign in ('', 'u') for bits in (8, 16, 32, 64)}
-PRIMITIVES = {'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring', *_NUMBERS}
+_SIGNED = {'int8', 'int16', 'int32', 'int64'}
+_UNSIGNED = {'uint8', 'uint16', 'uint32', 'uint64'}
+_OTHER_PRIMITIVES = {'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring'}
+PRIMITIVES = _SIGNED | _UNSIGNED | _OTHER_PRIMITIVES
 _FIELD_TYPE = re.compile(r'(?:^|\n)\s*([a-zA-Z0-9_/]+)(?:\[[^\]]*\])?\s+')
 # Definitions, with their comments, as `<package>/<name>.msg`: what a run without ROS records.
 _SHIPPED = Path(__file__).with_name('msg')
 # In a checkout our own definitions are beside the package; in a wheel, with the others.
 _CHECKOUT = Path(__file__).parents[2] / 'barc_interfaces' / 'msg'
-_OURS = 'barc_interfaces'
+_PACKAGE = 'barc_interfaces'
 _FIELD = re.compile(r'\s*([a-zA-Z]\w*(?:/\w+)?)(?:<=\d+)?(?:\[[^\]]*\])?\s+\w+\b(?!\s*=)')
 _COMMENT = re.compile(r'\s*#.*')
 DELIMITER = '=' * 80  #: between a definition and those that it uses
@@ -63,9 +65,12 @@ def definition(type_name: str) -> str:
         full = name if name.count('/') > 1 else name.replace('/', '/msg/')
         if full not in paths:
             raise LookupError(f'the definition of {name!r} is not installed')
+
         text = _with_field(paths[full].read_text(encoding='utf-8'))
-        names = set(_FIELD_TYPE.findall(text)) - PRIMITIVES
-        for dependency in sorted(each if '/' in each else f'{package}/{each}' for each in names):
+        types = set(_FIELD_TYPE.findall(text)) - PRIMITIVES
+        dependencies = [kind if '/' in kind else f'{package}/{kind}' for kind in types]
+
+        for dependency in sorted(dependencies):
             if dependency not in expanded:
                 expanded.add(dependency)
                 text += f'\n{DELIMITER}\nMSG: {dependency}\n{expand(dependency)}'
@@ -90,14 +95,17 @@ def installed() -> dict[str, Path]:
 def _files(prefixes: str) -> dict[str, Path]:
     roots = [Path(prefix) / 'share' for prefix in prefixes.split(os.pathsep) if prefix]
     # ROS from wheels does not set AMENT_PREFIX_PATH. The messages of `ros/local` have no file.
-    if spec := PathFinder.find_spec(_OURS):
-        above = Path(spec.origin or '').parents
-        roots += [root for each in above if (root := each / 'share') and (root / _OURS).is_dir()]
+    spec = PathFinder.find_spec(_PACKAGE)
+    if spec:
+        folders = [folder / 'share' for folder in Path(spec.origin or '').parents]
+        roots += [folder for folder in folders if (folder / _PACKAGE).is_dir()]
+
     paths = dict(shipped())
     for root in reversed(roots):
         for kind in ('msg', 'srv', 'action'):
             for path in root.glob(f'*/{kind}/*.{kind}'):
                 paths[f'{path.parents[1].name}/{kind}/{path.stem}'] = path
+
     return dict(sorted(paths.items()))
 
 
@@ -119,8 +127,8 @@ def find_type(name: str) -> str:
         return name
 
     matches = [full for full in types if name in _short_names(full)]
-    ours = [full for full in matches if full.startswith(f'{_OURS}/')]
-    candidates = ours or matches
+    matches_in_package = [full for full in matches if full.startswith(f'{_PACKAGE}/')]
+    candidates = matches_in_package or matches
     if len(candidates) == 1:
         return candidates[0]
     if matches:
@@ -133,12 +141,15 @@ def _hint(name: str, types: Iterable[str]) -> str:
     names = set(types)
     for full in types:
         names.update(_short_names(full))
-    for known in names:
-        if known.lower() == name.lower():
-            return f': did you mean {known}?'
+    for candidate in names:
+        if candidate.lower() == name.lower():
+            return f': did you mean {candidate}?'
 
-    ours = [_short_names(full)[0] for full in types if full.startswith(f'{_OURS}/')]
-    return did_you_mean(name, names) or f': {_OURS} has {", ".join(ours)}'
+    suggestion = did_you_mean(name, names)
+    if suggestion:
+        return suggestion
+    in_package = [_short_names(full)[0] for full in types if full.startswith(f'{_PACKAGE}/')]
+    return f': {_PACKAGE} has {", ".join(in_package)}'
 
 
 def _short_names(full: str) -> tuple[str, str]:
@@ -156,6 +167,7 @@ def definition_lines(name: str, depth: int = 0) -> Iterator[str]:
         text = _COMMENT.sub('', line) if depth else line
         if text or not depth:
             yield ('\t' * depth + text).rstrip()
+
         field = _FIELD.match(_COMMENT.sub('', line))
         if field and field[1] not in PRIMITIVES:
             package, _, base = field[1].rpartition('/')
@@ -174,6 +186,7 @@ def store() -> Typestore:
     for name, path in shipped():
         if name not in typestore.fielddefs:
             types |= get_types_from_msg(path.read_text(encoding='utf-8'), name)
+
     typestore.register(types)
     return typestore
 

@@ -16,7 +16,7 @@ from barc_sim.cli.limits import not_between
 from barc_sim.errors import UserError
 
 #: The bounds of a text or a flag: there are none.
-ANY = (-inf, inf)
+UNBOUNDED = (-inf, inf)
 _Record = TypeVar('_Record', bound=tuple[Any, ...])
 
 
@@ -26,7 +26,8 @@ class ParameterDeclaration(NamedTuple):
     name: str
     default: float | str | bool
     description: str  #: its meaning, with the unit in brackets
-    between: tuple[float, float] = ANY  #: bounds of a number, ends included; they keep NaN out
+    #: Bounds of a number, ends included; they keep NaN out.
+    between: tuple[float, float] = UNBOUNDED
     read_only: bool = False  #: whether it is fixed for a run
 
     @property
@@ -37,12 +38,13 @@ class ParameterDeclaration(NamedTuple):
 
     def check(self, value: object, name: str = '') -> None:
         """Raise UserError if `value`, given as the argument `name`, is not `between` the bounds."""
-        if self.between == ANY:
+        if self.between == UNBOUNDED:
             return
+
         low, high = self.between
-        why = not_between(value, low, high)
-        if why:
-            raise UserError(f'{name or self.name}: {why}')
+        reason = not_between(value, low, high)
+        if reason:
+            raise UserError(f'{name or self.name}: {reason}')
 
 
 def parameters_of(record: type[Any]) -> list[ParameterDeclaration]:
@@ -84,11 +86,11 @@ def limited(record: type[_Record]) -> type[_Record]:
     make: Any = record.__new__
     make.__annotations__ = get_type_hints(record)  # what `help` shows
 
-    def new(cls: type[_Record], *values: Any, **named: Any) -> _Record:  # noqa: ANN401 (any field)
-        checked: _Record = make(cls, *values, **named)
+    def new(cls: type[_Record], *values: Any, **keywords: Any) -> _Record:  # noqa: ANN401 (any field)
+        instance: _Record = make(cls, *values, **keywords)
         for row in rows:
-            row.check(getattr(checked, row.name))
-        return checked
+            row.check(getattr(instance, row.name))
+        return instance
 
     new.__wrapped__ = make  # type: ignore[attr-defined]
     record.__new__ = new  # type: ignore[assignment]

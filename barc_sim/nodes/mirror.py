@@ -137,7 +137,7 @@ class MirrorNode(Node):
         self._create_publishers()
         self._publish_ground(track)
 
-        self.create_subscription(ZDynBkMdl, topics.STATE, self._on_state, qos.ALL)
+        self.create_subscription(ZDynBkMdl, topics.STATE, self._on_state, qos.EVERY_STATE)
 
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(period, self._diagnose, clock=steady)

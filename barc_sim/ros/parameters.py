@@ -10,7 +10,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 
 from barc_sim.cli.limits import not_between
 from barc_sim.errors import UserError
-from barc_sim.interfaces.parameters import ANY
+from barc_sim.interfaces.parameters import UNBOUNDED
 from barc_sim.vehicle.parameters import TRACK
 from barc_sim.vehicle.track import Track
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 def descriptor(parameter: ParameterDeclaration) -> ParameterDescriptor:
     """Return the ROS descriptor of a parameter."""
     message = ParameterDescriptor(description=parameter.description, read_only=parameter.read_only)
-    if parameter.between == ANY:
+    if parameter.between == UNBOUNDED:
         return message
     low, high = parameter.between
     if isinstance(parameter.default, float):

@@ -12,7 +12,7 @@ from barc_sim.control.lane import LaneController, check_steering_law
 from barc_sim.control.pilots import Pilot
 from barc_sim.control.speed import ACCELERATION_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.errors import UserError
-from barc_sim.interfaces.parameters import ANY, parameters_of
+from barc_sim.interfaces.parameters import UNBOUNDED, parameters_of
 from barc_sim.vehicle.parameters import PlantOptions, needs_track
 from barc_sim.vehicle.road import Profile, Signal
 from barc_sim.vehicle.track import Track
@@ -110,4 +110,4 @@ class Scenario(PlantOptions):
 
 
 #: The numbers of a scenario with their limits, by name.
-LIMITS = {row.name: row for row in parameters_of(Scenario) if row.between != ANY}
+LIMITS = {row.name: row for row in parameters_of(Scenario) if row.between != UNBOUNDED}

@@ -15,7 +15,7 @@ from os import PathLike
 from typing import TYPE_CHECKING, Annotated, Any
 
 from barc_sim.errors import UserError
-from barc_sim.interfaces.parameters import ANY, ParameterDeclaration, parameters_of
+from barc_sim.interfaces.parameters import UNBOUNDED, ParameterDeclaration, parameters_of
 from barc_sim.interfaces.stamps import NANOSECONDS
 from barc_sim.vehicle.bicycles import DYNAMICS, LateralParameters
 from barc_sim.vehicle.bike_model import BicycleState, Model, Vehicle, bikeFE
@@ -236,7 +236,7 @@ def needs_track(argument: str) -> UserError:
 @cache
 def _limits(record: Any) -> list[ParameterDeclaration]:  # noqa: ANN401 (a class)
     """Return a parameter for each field of a record that has limits."""
-    return [row for row in parameters_of(record) if row.between != ANY]
+    return [row for row in parameters_of(record) if row.between != UNBOUNDED]
 
 
 def _with_options(model: Model) -> Model:

@@ -416,7 +416,9 @@ class QuickExecutor(MultiThreadedExecutor):
 
     def _lead(self, within: Spin | None = None) -> None:
         """Poll and execute until all spins, or the one `within` a callback, are over."""
-        events, tasks = self._events, self._pending_tasks
+        events = self._events
+        tasks = self._pending_tasks
+
         events.recheck_due = True
         events.poll_due = 0.0
         executed = True
@@ -450,7 +452,9 @@ class QuickExecutor(MultiThreadedExecutor):
         Returns the earliest deadline [s] of the spins; None: all spins, or the one `within`, are
         over.
         """
-        events, tasks = self._events, self._pending_tasks
+        events = self._events
+        tasks = self._pending_tasks
+
         events.recheck_due = False
         self._end_spins()
         spins = list(self._spins)
