@@ -197,12 +197,16 @@ def identify(
         )
     for log in logs:
         _check_sizes(log)
-    parts = [each for log in logs for each in stretches(log)]
+
+    parts: list[Stretch] = []
+    for log in logs:
+        parts.extend(stretches(log))
     if not parts:
         raise UserError(
             f'none of {len(logs)} logs has 2 s of states with commands and no gap: '
             'expected the log of a drive'
         )
+
     vehicle = vehicle or Vehicle()
     noise = _noise(parts)
     _check_continuous(parts, noise)
@@ -224,8 +228,9 @@ def identify(
     # All signals give servo and tyres, and each counts by the size of its errors.
     if _has_steered(parts):
         search = search._replace(sizes=np.ones((3, 1)))
-        fit, others = _fit_across(search, fit)
-        remarks += others
+        fit, remarks_across = _fit_across(search, fit)
+        remarks += remarks_across
+
     search = search._replace(sizes=_size(fit.errors))
     fit = search.across_kinks(search.fit(fit.values))
 
@@ -306,9 +311,11 @@ def _check_continuous(parts: Sequence[Stretch], noise: float) -> None:
     speeds = np.concatenate([each.measured[0, each.counted] for each in parts])
     commands = np.concatenate([each.motor.values for each in parts])
     step = max(float(np.median(np.diff(each.t[each.counted]))) for each in parts)
-    # So much can the commands change the speed from one step to the next.
+
+    # The commands can change the speed so much from one step to the next.
     commanded = 2.0 * float(np.abs(commands).max()) * step
     usual = _OF_SIZE * sqrt(float(np.mean(speeds**2)))
+
     if noise > max(_OF_SPREAD * float(np.std(speeds)), usual + commanded + AT_REST):
         raise UserError(
             f'the speed v_x jumps by {noise:.2g} m/s from state to state, as that of no car: check '
@@ -318,9 +325,10 @@ def _check_continuous(parts: Sequence[Stretch], noise: float) -> None:
 
 def _fit_along(search: _Search) -> tuple[_Fit, list[str]]:
     """Fit resistance and motor to the speed; return remarks, too."""
-    with_lag, without = motor_starts(search.stretches, search.vehicle)
+    with_lag, without_lag = motor_starts(search.stretches, search.vehicle)
+
     lagging = search.best([start._asdict() for start in with_lag])
-    ideal = search.best([_without(start._asdict(), 'motor_lag') for start in without])
+    ideal = search.best([_without(start._asdict(), 'motor_lag') for start in without_lag])
     if _explains_more(lagging, ideal):
         return lagging, []
     return ideal, ['motor_lag is not seen: there is none, or it counts as delay']
@@ -338,6 +346,7 @@ def _fit_across(search: _Search, along: _Fit) -> tuple[_Fit, list[str]]:
     start = along.values | {'servo_delay': delay}
     tyres = {name: _UNKNOWN[name].start for name in _ACROSS if name in _TYRES}
     fit = search.fit(start | tyres)
+
     # Those of a car that does not slip cannot be found.
     without = search.fit(start)
     if not _explains_more(fit, without, len(tyres)):
@@ -345,6 +354,7 @@ def _fit_across(search: _Search, along: _Fit) -> tuple[_Fit, list[str]]:
         remarks.append('tyres and yaw inertia are not seen: the car does not slip')
     search = search._replace(sizes=_size(fit.errors))
     fit = search.fit(fit.values)
+
     # A lag far shorter than a step acts as a delay does.
     lag = _UNKNOWN['servo_lag'].start
     shorter = max(fit.values['servo_delay'] - lag, 0.0)
@@ -355,13 +365,13 @@ def _fit_across(search: _Search, along: _Fit) -> tuple[_Fit, list[str]]:
     return fit, remarks
 
 
-def _explains_more(fit: _Fit, without: _Fit, more: int = 1) -> bool:
+def _explains_more(fit: _Fit, without: _Fit, additional: int = 1) -> bool:
     """Return whether a fit with more parameters explains more than as many explain by chance.
 
     (Schwarz, Annals of Statistics 6, 1978.)
     """
     n = fit.errors.size
-    chance: float = n ** (more / n)
+    chance: float = n ** (additional / n)
     return without.cost > fit.cost * chance
 
 
@@ -436,7 +446,7 @@ class _Search(NamedTuple):
             for _ in range(_ROUNDS):
                 profile = self._profile(fit, name)
                 delays = np.maximum(fit.values[name] + step * _SCANNED, 0.0).tolist()
-                best = min(map(profile, delays), key=lambda each: each.cost)
+                best = min(map(profile, delays), key=lambda point: point.cost)
                 other = self.fit(best.values, _FIRST_STEPS)
                 if not other.cost < fit.cost * (1.0 - _BETTER):
                     break
@@ -452,12 +462,14 @@ class _Search(NamedTuple):
         profile = self._profile(fit, name)
         value = fit.values[name]
         half = first
+
         for sign in (-1.0, 1.0):
             before = 0.0
             for k in range(1, _WIDENINGS):
                 offset = 0.25 * k * first
                 if value + sign * offset < _UNKNOWN[name].lowest:
                     break
+
                 increase = 2.0 * (profile(value + sign * offset).cost - fit.cost)
                 if increase >= larger:
                     # The increase is a parabola from the last offset on.
@@ -471,17 +483,17 @@ class _Search(NamedTuple):
     def _profile(self, fit: _Fit, name: str) -> Callable[[float], _Point]:
         """Return a function of a parameter's value: the others are fitted by their slopes."""
         names = [*fit.values]
-        others = [other for other in names if other != name]
-        slopes = fit.slopes[:, [names.index(other) for other in others]]
+        other_names = [other for other in names if other != name]
+        slopes = fit.slopes[:, [names.index(other) for other in other_names]]
         inverse = np.linalg.pinv(slopes)
-        lowest = np.array([_UNKNOWN[other].lowest for other in others])
+        lowest = np.array([_UNKNOWN[other].lowest for other in other_names])
 
         def at(value: float) -> _Point:
             errors = self._weighted(fit.values | {name: value})
-            start = np.array([fit.values[other] for other in others])
+            start = np.array([fit.values[other] for other in other_names])
             fitted = np.maximum(start - inverse @ errors, lowest)
             rest = errors + slopes @ (fitted - start)
-            values = fit.values | dict(zip(others, fitted.tolist(), strict=True))
+            values = fit.values | dict(zip(other_names, fitted.tolist(), strict=True))
             return _Point(values | {name: value}, 0.5 * float(rest @ rest))
 
         return at
@@ -499,7 +511,7 @@ class _Search(NamedTuple):
         stretches = []
         for stretch in self.stretches:
             solved = self._solve(stretch, values)
-            first = len(solved.free) - len(stretch.lost)
+            first = len(solved.free) - len(stretch.gaps)
             of_lost = solved.free[first:]
             deviations = solved.deviations[first:]
             stretches.append(with_certain_commands(stretch, of_lost, deviations))
@@ -532,7 +544,7 @@ class _Search(NamedTuple):
 
         # What was lost has a spread of 1; nothing is known of the speed at the start.
         weight = max(self.noise, _NO_NOISE) / float(self.sizes[0, 0])
-        priors = weight * np.eye(count)[count - len(stretch.lost) :]
+        priors = weight * np.eye(count)[count - len(stretch.gaps) :]
         # `einsum`: for such small products the threads of a BLAS take longer on a busy machine.
         normal = np.einsum('ik,jk->ij', slopes, slopes) + priors.T @ priors
         inverse = np.linalg.pinv(normal, hermitian=True)
@@ -547,6 +559,7 @@ class _Search(NamedTuple):
         count = len(self.sizes)
         predicted = predict(stretch, car, v, is_fast=self.is_fast)[:count]
         along = free_responses(stretch, car, predicted[0])
+
         responses = np.zeros((len(along), *predicted.shape))
         responses[:, 0] = along
         if stretch.in_motion and count > 1:
@@ -563,6 +576,7 @@ class _Search(NamedTuple):
             friction=values['friction_per_mass'] * mass,
         )
         tyres = {name: values[name] for name in _TYRES if name in values}
+
         return CarModel(
             vehicle=vehicle,
             motor=_actuator(values, 'motor'),
@@ -680,6 +694,7 @@ def _remarks(
         elif not name.endswith('_delay') and interval >= 0.5 * abs(estimate.value):
             size = f'{interval:.2g} {estimate.unit}'
             yield f'{name} cannot be identified: it is known to ±{size} only'
+
     for signal, p in whiteness.items():
         if p < _SIGNIFICANT:
             remark = (
@@ -695,6 +710,7 @@ def _remark_on_units(parts: Sequence[Stretch], vehicle: Vehicle) -> list[str]:
     low, high = _GAINS
     if low < gain < high:
         return []
+
     remark = (
         f'the speed changes {gain:.2g} times as much as was commanded: expected v_x in m/s (in '
         'km/h it changes 3.6 times as much) and motor in m/s²'

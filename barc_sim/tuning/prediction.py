@@ -46,7 +46,7 @@ _HISTORY = 5.0  #: [s] of commands before that state, for slow motors
 _SHORTEST = 2.0  #: [s] of a stretch
 _JUMP = 5.0  #: [m] beyond the way at twice the speed: a return to the start
 _BRIDGED = 2.0  #: [s] without a state, over which the prediction continues
-_LOST = 0.25  #: [s] without commands, in place of which the mean of their neighbours acts
+_COMMAND_GAP = 0.25  #: [s] without commands, in place of which the mean of their neighbours acts
 _REGULAR = 0.2  #: share of the period within which a message follows another
 _NEAR = 1e-6  #: [m] from the start of a run
 _NOTICED = 0.05  #: share of the noise by which what was lost changes the speed
@@ -63,12 +63,12 @@ class HeldValues(NamedTuple):
     def at(self, t: Floats) -> Floats:
         """Return the values at these times; before the first one, it holds, too."""
         i = np.searchsorted(self.t, t, side='right') - 1
-        held: Floats = self.values[np.maximum(i, 0)]
-        return held
+        values: Floats = self.values[np.maximum(i, 0)]
+        return values
 
 
-class LostValue(NamedTuple):
-    """A time in which a command or an incline is not known, as its messages were lost."""
+class SignalGap(NamedTuple):
+    """A time in which a command or an incline is unknown, because its messages were lost."""
 
     start: float  #: [s]
     end: float  #: [s]
@@ -97,7 +97,7 @@ class Stretch(NamedTuple):
     sines: Floats  #: of the inclines
     measured: Floats  #: speed, yaw rate and lateral speed, shape `(3, n)`; NaN: not measured
     is_start: bool  #: of a run: before it there were no commands
-    lost: tuple[LostValue, ...]
+    gaps: tuple[SignalGap, ...]  #: in its commands and inclines
 
     @property
     def counted(self) -> Rows:
@@ -136,6 +136,7 @@ def predict(stretch: Stretch, car: CarModel, v: float, *, is_fast: bool = False)
         else:
             predicted[0] = _straight(stretch, car, v, along, is_fast=is_fast)
             predicted[1:] = 0.0
+
     # Where Python raises an error, compiled code returns NaN.
     return np.full_like(predicted, inf) if np.isnan(predicted).any() else predicted
 
@@ -158,6 +159,7 @@ def _straight(stretch: Stretch, car: CarModel, v: float, along: Floats, *, is_fa
     vehicle = car.vehicle
     bicycle = bicycle_of('kinematic', car.integrator, vehicle)
     gravity_forces = -vehicle.mass * vehicle.gravity * stretch.sines[:-1]
+
     steps, motor, forces, speeds = _columns(
         np.diff(stretch.t), along, gravity_forces, np.zeros(len(stretch.t)), is_fast=is_fast
     )
@@ -182,8 +184,9 @@ def drive_straight(
     speeds[0] = v
     for k in range(len(steps)):
         if bicycle.is_rk4:
-            held = Command(motor[k] + forces[k] / bicycle.vehicle.mass, 0.0)
-            v = kinematic_step(bicycle, BicycleState(0.0, 0.0, 0.0, v), held, level, 0, steps[k]).v
+            state = BicycleState(0.0, 0.0, 0.0, v)
+            command = Command(motor[k] + forces[k] / bicycle.vehicle.mass, 0.0)
+            v = kinematic_step(bicycle, state, command, level, 0, steps[k]).v
         else:
             v = next_speed(v, motor[k], forces[k], bicycle.vehicle, steps[k])
         speeds[k + 1] = v
@@ -199,11 +202,15 @@ def _steered(
         check_step(car.lateral, vehicle, float(times.max()), car.integrator)
     dynamics = 'dynamic' if car.lateral else 'kinematic'
     bicycle = bicycle_of(dynamics, car.integrator, vehicle, car.lateral)
-    angles, turned = respond(
+
+    angles, mean_angles = respond(
         steering, stretch.servo, stretch.t, is_start=stretch.is_start, is_fast=is_fast
     )
-    free = along - vehicle.gravity * stretch.sines[:-1]
-    steps, motor, servo, present = _columns(times, free, turned, angles, is_fast=is_fast)
+    accelerations = along - vehicle.gravity * stretch.sines[:-1]
+    steps, motor, servo, present = _columns(
+        times, accelerations, mean_angles, angles, is_fast=is_fast
+    )
+
     signals = _columns(*np.zeros((3, len(stretch.t))), is_fast=is_fast)
     loop = compiled(drive_steered) if is_fast else drive_steered
     loop(bicycle, _level(is_fast=is_fast), v, steps, motor, servo, present, *signals)
@@ -230,13 +237,14 @@ def drive_steered(
     state = BicycleState(0.0, 0.0, 0.0, v)
     slip = NO_SLIP
     for k in range(len(present)):
-        seen = bicycle_motion(bicycle, state, slip, present[k])
-        v_x[k] = seen.v_x
-        psi_dot[k] = seen.psi_dot
-        v_y[k] = seen.v_y
+        motion = bicycle_motion(bicycle, state, slip, present[k])
+        v_x[k] = motion.v_x
+        psi_dot[k] = motion.psi_dot
+        v_y[k] = motion.v_y
+
         if k < len(steps):
-            held = Command(motor[k], servo[k])
-            state, slip = bicycle_step(bicycle, state, slip, held, level, 0, steps[k])
+            command = Command(motor[k], servo[k])
+            state, slip = bicycle_step(bicycle, state, slip, command, level, 0, steps[k])
 
 
 def respond(
@@ -252,6 +260,7 @@ def respond(
     acting = np.searchsorted(due, edges[:-1], side='right') - 1
     before = 0.0 if is_start else float(commands.values[0])
     targets = np.append(commands.values, before)[acting]  # -1: the last one
+
     lengths = np.diff(edges)
     values = np.append(before, targets)
     means = targets.copy()
@@ -260,6 +269,7 @@ def respond(
         follow = compiled(follow_commands) if is_fast else follow_commands
         follow(actuator, *columns)
         values, means = map(np.array, columns[2:])
+
     way = np.append(0.0, np.cumsum(means * lengths))
     at = np.searchsorted(edges, t)
     return values[at], np.diff(way[at]) / np.diff(t)
@@ -289,20 +299,22 @@ def free_responses(stretch: Stretch, car: CarModel, speeds: Floats) -> Floats:
     steps = np.diff(stretch.t)
     slowing = 2.0 * car.vehicle.air_drag_coeff / car.vehicle.mass * np.abs(speeds[:-1]) * steps
     # The speed of a car that stands does not depend on its speed before.
-    kept = np.where(speeds[:-1] == 0.0, 0.0, np.clip(1.0 - slowing, 0.0, 1e3))
+    remaining_shares = np.where(speeds[:-1] == 0.0, 0.0, np.clip(1.0 - slowing, 0.0, 1e3))
+
     rows = []
     if stretch.in_motion:
-        rows.append(np.append(1.0, np.cumprod(kept)))
-    for lost in stretch.lost:
+        rows.append(np.append(1.0, np.cumprod(remaining_shares)))
+
+    for gap in stretch.gaps:
         # An incline acts at once, a command through the motor.
-        actuator = car.motor if lost.is_command else Actuator()
-        spread = lost.spread if lost.is_command else car.vehicle.gravity * lost.spread
+        actuator = car.motor if gap.is_command else Actuator()
+        spread = gap.spread if gap.is_command else car.vehicle.gravity * gap.spread
         since = stretch.t - actuator.delay
 
-        way = _lagged(since - lost.start, actuator.lag) - _lagged(since - lost.end, actuator.lag)
-        begin = min(int(np.searchsorted(since, lost.end)), len(since) - 1)
+        way = _lagged(since - gap.start, actuator.lag) - _lagged(since - gap.end, actuator.lag)
+        begin = min(int(np.searchsorted(since, gap.end)), len(since) - 1)
         remaining = np.ones(len(since))
-        remaining[begin + 1 :] = np.cumprod(kept[begin:])
+        remaining[begin + 1 :] = np.cumprod(remaining_shares[begin:])
         rows.append(spread * way * remaining)
     return np.array(rows).reshape(-1, len(stretch.t))
 
@@ -310,11 +322,11 @@ def free_responses(stretch: Stretch, car: CarModel, speeds: Floats) -> Floats:
 def without_negligible(stretch: Stretch, vehicle: Vehicle, noise: float) -> Stretch:
     """Return the stretch with what was lost only where it matters beside the `noise` [m/s]."""
 
-    def matters(lost: LostValue) -> bool:
-        spread = lost.spread if lost.is_command else vehicle.gravity * lost.spread
-        return spread * (lost.end - lost.start) > _NOTICED * noise
+    def matters(gap: SignalGap) -> bool:
+        spread = gap.spread if gap.is_command else vehicle.gravity * gap.spread
+        return spread * (gap.end - gap.start) > _NOTICED * noise
 
-    return stretch._replace(lost=tuple(filter(matters, stretch.lost)))
+    return stretch._replace(gaps=tuple(filter(matters, stretch.gaps)))
 
 
 def with_certain_commands(stretch: Stretch, free: Floats, deviations: Floats) -> Stretch:
@@ -325,18 +337,18 @@ def with_certain_commands(stretch: Stretch, free: Floats, deviations: Floats) ->
     one of both in each lost message.
     """
     values = stretch.motor.values.copy()
-    uncertain: list[LostValue] = []
-    for lost, value, deviation in zip(stretch.lost, free, deviations, strict=True):
-        level = (lost.after - lost.before) / lost.messages
-        is_certain = lost.spread * deviation < abs(level) / 6.0
-        if not (lost.is_command and lost.is_switch and is_certain):
-            uncertain.append(lost)
+    uncertain: list[SignalGap] = []
+    for gap, value, deviation in zip(stretch.gaps, free, deviations, strict=True):
+        level = (gap.after - gap.before) / gap.messages
+        is_certain = gap.spread * deviation < abs(level) / 6.0
+        if not (gap.is_command and gap.is_switch and is_certain):
+            uncertain.append(gap)
             continue
 
-        estimate = 0.5 * (lost.before + lost.after) + lost.spread * value
-        jumped = min(max(round((estimate - lost.before) / level), 0), lost.messages)
-        values[np.searchsorted(stretch.motor.t, lost.start)] = lost.before + jumped * level
-    return stretch._replace(motor=HeldValues(stretch.motor.t, values), lost=tuple(uncertain))
+        estimate = 0.5 * (gap.before + gap.after) + gap.spread * value
+        messages = min(max(round((estimate - gap.before) / level), 0), gap.messages)
+        values[np.searchsorted(stretch.motor.t, gap.start)] = gap.before + messages * level
+    return stretch._replace(motor=HeldValues(stretch.motor.t, values), gaps=tuple(uncertain))
 
 
 def _lagged(t: Floats, lag: float) -> Floats:
@@ -376,10 +388,11 @@ def _of_run(log: Log, t: Floats, run: Rows, commanded: Rows, ts: float) -> Itera
     """Yield the stretches of a run: rows with states and rows with commands, in order of time."""
     if not len(commanded):
         return
+
     # Where a command missed its deadline, the one before it held.
     times = t[commanded]
-    motor = HeldValues(times, _held(np.where(log.missed, np.nan, log.motor)[commanded]))
-    servo = HeldValues(times, _held(np.where(log.missed, np.nan, log.servo)[commanded]))
+    motor = HeldValues(times, _hold(np.where(log.missed, np.nan, log.motor)[commanded]))
+    servo = HeldValues(times, _hold(np.where(log.missed, np.nan, log.servo)[commanded]))
     is_start = _is_start(log, t, run[0], ts)
     unknown = _long_gaps(motor.t)
 
@@ -387,7 +400,7 @@ def _of_run(log: Log, t: Floats, run: Rows, commanded: Rows, ts: float) -> Itera
     begins = [t[run[0]] if is_start else motor.t[0], *motor.t[unknown + 1]]
     ends = [*motor.t[unknown], t[run[-1]]]
     if _is_regular(motor.t):
-        ends[-1] = min(ends[-1], motor.t[-1] + _LOST)
+        ends[-1] = min(ends[-1], motor.t[-1] + _COMMAND_GAP)
 
     for i, (begin, end) in enumerate(zip(begins, ends, strict=True)):
         at_start = is_start and i == 0
@@ -397,8 +410,8 @@ def _of_run(log: Log, t: Floats, run: Rows, commanded: Rows, ts: float) -> Itera
         for j, states in enumerate(np.split(part, pauses)):
             known_before = 0.0 if at_start and j == 0 else _WARM_UP
             if len(states) > 2 and t[states[-1]] - t[states[0]] + known_before >= _SHORTEST:  # noqa: PLR2004
-                known = max(begin, t[states[0]] - _HISTORY), end
-                yield _stretch(log, t, states, (motor, servo), known, ts, at_start and j == 0)
+                span = (max(begin, t[states[0]] - _HISTORY), end)
+                yield _stretch(log, t, states, (motor, servo), span, ts, at_start and j == 0)
 
 
 def _stretch(
@@ -406,29 +419,30 @@ def _stretch(
     t: Floats,
     states: Rows,
     commands: tuple[HeldValues, HeldValues],
-    known: tuple[float, float],
+    span: tuple[float, float],
     ts: float,
     is_start: bool,
 ) -> Stretch:
     """Return the stretch of these states, whose commands are known between two times [s]."""
-    begin, end = known
+    begin, end = span
     motor, servo = commands
-    filled_motor, lost_commands = _filled(_between(motor, begin, end))
-    filled_servo, _ = _filled(_between(servo, begin, end))
+    filled_motor, command_gaps = _fill(_between(motor, begin, end))
+    filled_servo, _ = _fill(_between(servo, begin, end))
 
     with_incline = np.flatnonzero(np.isfinite(log.theta_deg) & np.isfinite(t))
     with_incline = with_incline[(t[with_incline] <= t[states[-1]]) & (with_incline <= states[-1])]
     inclines = HeldValues(np.array([-inf]), np.zeros(1))
-    lost_inclines: list[LostValue] = []
+    incline_gaps: list[SignalGap] = []
     if len(with_incline):
         sines = np.sin(np.radians(log.theta_deg[with_incline]))
-        inclines, lost_inclines = _filled(HeldValues(t[with_incline], sines))
+        inclines, incline_gaps = _fill(HeldValues(t[with_incline], sines))
 
     times, at = _step_times(t[states], ts)
     measured = np.full((3, len(times)), np.nan)
     measured[:, at] = log.v_x[states], log.psi_dot[states], log.v_y[states]
-    lost = [each._replace(is_command=True) for each in lost_commands]
-    lost += lost_inclines
+    gaps = [gap._replace(is_command=True) for gap in command_gaps]
+    gaps += incline_gaps
+
     return Stretch(
         t=times,
         motor=filled_motor,
@@ -436,7 +450,7 @@ def _stretch(
         sines=inclines.at(times),
         measured=measured,
         is_start=is_start,
-        lost=tuple([each for each in lost if each.end > times[0]]),
+        gaps=tuple([gap for gap in gaps if gap.end > times[0]]),
     )
 
 
@@ -459,11 +473,11 @@ def _is_start(log: Log, t: Floats, row: int, ts: float) -> bool:
     return bool(is_at_start and waited < 1.5 * ts)
 
 
-def _held(values: Floats) -> Floats:
+def _hold(values: Floats) -> Floats:
     """Return the values, with the one before in place of each missing one, zero at first."""
     at = np.where(np.isfinite(values), np.arange(len(values)), -1)
-    held: Floats = np.append(values, 0.0)[np.maximum.accumulate(at)]
-    return held
+    latest: Floats = np.append(values, 0.0)[np.maximum.accumulate(at)]
+    return latest
 
 
 def _is_regular(t: Floats) -> bool:
@@ -480,35 +494,38 @@ def _long_gaps(t: Floats) -> Rows:
     if not _is_regular(t):
         return np.array([], np.intp)
     steps = np.diff(t)
-    return np.flatnonzero(steps > np.median(steps) + _LOST)
+    return np.flatnonzero(steps > np.median(steps) + _COMMAND_GAP)
 
 
-def _between(held: HeldValues, begin: float, end: float) -> HeldValues:
+def _between(signal: HeldValues, begin: float, end: float) -> HeldValues:
     """Return the values from the one that holds at `begin` until `end` [s]."""
-    first = max(int(np.searchsorted(held.t, begin, side='right')) - 1, 0)
-    last = max(int(np.searchsorted(held.t, end, side='right')), first + 1)
-    return HeldValues(held.t[first:last], held.values[first:last])
+    first = max(int(np.searchsorted(signal.t, begin, side='right')) - 1, 0)
+    last = max(int(np.searchsorted(signal.t, end, side='right')), first + 1)
+    return HeldValues(signal.t[first:last], signal.values[first:last])
 
 
-def _filled(held: HeldValues) -> tuple[HeldValues, list[LostValue]]:
+def _fill(signal: HeldValues) -> tuple[HeldValues, list[SignalGap]]:
     """Return the values with the mean of both neighbours where one was lost, and what was lost."""
-    if not _is_regular(held.t):
-        return held, []
-    steps = np.diff(held.t)
+    if not _is_regular(signal.t):
+        return signal, []
+
+    steps = np.diff(signal.t)
     period = float(np.median(steps))
     gaps = np.flatnonzero(steps > 1.5 * period)
-    starts = np.round(held.t[gaps] + period, _ROUND)
-    ends = held.t[gaps + 1]
-    before = held.values[gaps]
-    after = held.values[gaps + 1]
+
+    starts = np.round(signal.t[gaps] + period, _ROUND)
+    ends = signal.t[gaps + 1]
+    before = signal.values[gaps]
+    after = signal.values[gaps + 1]
     middles = 0.5 * (before + after)
     filled = HeldValues(
-        np.insert(held.t, gaps + 1, starts), np.insert(held.values, gaps + 1, middles)
+        np.insert(signal.t, gaps + 1, starts), np.insert(signal.values, gaps + 1, middles)
     )
 
     counts = np.maximum(np.round((ends - starts) / period), 1.0).astype(int)
+
     # Where the values around it were on a ramp, the lost ones were on it, too.
-    slopes = np.diff(held.values) / steps
+    slopes = np.diff(signal.values) / steps
     slopes_before = slopes[np.where(gaps > 0, gaps - 1, gaps + 1)]
     slopes_after = slopes[np.where(gaps + 1 < len(slopes), gaps + 1, gaps - 1)]
     ramps = 0.5 * (slopes_before + slopes_after) * steps[gaps]
@@ -516,10 +533,10 @@ def _filled(held: HeldValues) -> tuple[HeldValues, list[LostValue]]:
     jumps = changes - np.clip(ramps, np.minimum(changes, 0.0), np.maximum(changes, 0.0))
 
     # Values between two others are so far from the mean of both.
-    usual = float(np.median(np.abs(np.diff(held.values, 2)))) / 2.0 / 0.6745
+    usual = float(np.median(np.abs(np.diff(signal.values, 2)))) / 2.0 / 0.6745
     spreads = np.hypot(0.5 * jumps, usual)
-    lost = [
-        LostValue(
+    signal_gaps = [
+        SignalGap(
             start=float(starts[i]),
             end=float(ends[i]),
             before=float(before[i]),
@@ -531,4 +548,4 @@ def _filled(held: HeldValues) -> tuple[HeldValues, list[LostValue]]:
         )
         for i in range(len(gaps))
     ]
-    return filled, lost
+    return filled, signal_gaps
