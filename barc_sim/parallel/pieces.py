@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, wait
 from itertools import islice
 from pickle import PicklingError
@@ -19,6 +20,7 @@ Result = TypeVar('Result')
 
 #: Pieces of each worker that are handed out at a time: one to work at, the others on their way.
 _PENDING = 3
+_COUNT_PERIOD = 1.0  #: [s] after which the workers are counted again: some can have joined
 _PIECE_DURATION = 1.0  #: [s] that a piece should take
 _GROWTH = 16  #: times the size of the pieces before
 #: Number of pieces of each worker at least, so that all end at about the same time.
@@ -52,19 +54,24 @@ def finished_pieces(
     ordered
         Whether to yield the pieces in their order.
     """
-    remaining = iter(pieces)
-    most = _PENDING * workers_of(executor)
+    pieces_left = iter(pieces)
+    limit = 0
+    count_due = time.monotonic()
     stops = set() if stopped is None else {stopped}
     pending: dict[Future[Any], Piece] = {}
     try:
         while not any(stop.done() for stop in stops):
-            for piece in islice(remaining, most - len(pending)):
+            if time.monotonic() >= count_due:
+                limit = _PENDING * workers_of(executor)
+                count_due = time.monotonic() + _COUNT_PERIOD
+
+            for piece in islice(pieces_left, limit - len(pending)):
                 pending[executor.submit(function, piece)] = piece
             if not pending:
                 return
 
-            awaited = [next(iter(pending))] if ordered else [*pending]
-            done, _ = wait([*stops, *awaited], return_when=FIRST_COMPLETED)
+            candidates = [next(iter(pending))] if ordered else [*pending]
+            done, _ = wait([*stops, *candidates], return_when=FIRST_COMPLETED)
             for future in done - stops:
                 yield pending.pop(future), future
     finally:

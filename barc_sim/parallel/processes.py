@@ -85,19 +85,19 @@ class LocalProcesses(Executor):
     def _make(self, call: _Call) -> None:
         """Hand a call to the pool."""
         try:
-            made = self._pool.submit(call.function, *call.arguments)
+            future = self._pool.submit(call.function, *call.arguments)
         except BrokenExecutor:
             self._pool = self._new_pool()
-            made = self._pool.submit(call.function, *call.arguments)
-        made.add_done_callback(lambda made: self._on_made(call, made))
+            future = self._pool.submit(call.function, *call.arguments)
+        future.add_done_callback(lambda future: self._on_end(call, future))
 
-    def _on_made(self, call: _Call, made: Future[Any]) -> None:
+    def _on_end(self, call: _Call, future: Future[Any]) -> None:
         """Pass the result of a call on, or make it again if its process has ended."""
-        if made.cancelled():
+        if future.cancelled():
             call.future.cancel()
             return
 
-        error = made.exception()
+        error = future.exception()
         with self._lock:
             if isinstance(error, BrokenExecutor):
                 call.ends += 1
@@ -112,7 +112,7 @@ class LocalProcesses(Executor):
         if not call.future.set_running_or_notify_cancel():
             return
         if error is None:
-            call.future.set_result(made.result())
+            call.future.set_result(future.result())
         else:
             call.future.set_exception(error)
 

@@ -66,6 +66,21 @@ def test_pieces_are_handed_out_only_as_workers_become_free() -> None:
     assert all(call.cancelled() for _, call in executor.calls if call is not future)
 
 
+def test_more_pieces_are_handed_out_when_workers_join(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('barc_sim.parallel.pieces._COUNT_PERIOD', 0.0)
+    executor = SlowExecutor()
+    finished = finished_pieces(executor, abs, range(10**9))
+    threading.Timer(0.0, lambda: _finish_when_there(executor, 0)).start()
+    next(finished)
+    assert len(executor.calls) == 3 * 2
+
+    executor._max_workers = 5  # noqa: SLF001 (as `workers_of` reads it)
+    executor.finish(1)
+    next(finished)
+    next_count = 3 * 5 + 1  # the first one has finished
+    assert len(executor.calls) == next_count
+
+
 def _finish_when_there(executor: SlowExecutor, number: int) -> None:
     while len(executor.calls) <= number:
         threading.Event().wait(0.01)
