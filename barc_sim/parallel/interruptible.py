@@ -26,10 +26,14 @@ class InterruptibleExecutor(Executor):
 
     def __init__(self, executor: Executor) -> None:
         self._executor = executor
-        self._max_workers = workers_of(executor)  # `pieces.workers_of` reads it
         self._lock = threading.Lock()
         self._calls: dict[Future[Any], Future[Any]] = {}  # the executor's own, by ours
         self._is_interrupted = False
+
+    @property
+    def _max_workers(self) -> int:
+        """The number of workers now; `pieces.workers_of` reads it."""
+        return workers_of(self._executor)
 
     def submit(  # type: ignore[override]  # mypy: of a ParamSpec
         self,

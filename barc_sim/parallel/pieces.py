@@ -65,7 +65,8 @@ def finished_pieces(
                 limit = _PENDING * workers_of(executor)
                 count_due = time.monotonic() + _COUNT_PERIOD
 
-            for piece in islice(pieces_left, limit - len(pending)):
+            # Fewer than are pending when workers have left.
+            for piece in islice(pieces_left, max(limit - len(pending), 0)):
                 pending[executor.submit(function, piece)] = piece
             if not pending:
                 return

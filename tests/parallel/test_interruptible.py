@@ -40,6 +40,13 @@ def test_results_and_exceptions_are_those_of_the_calls(executor: InterruptibleEx
     assert workers_of(executor) == 1
 
 
+def test_workers_that_join_are_counted() -> None:
+    with ThreadPoolExecutor(1) as threads:
+        executor = InterruptibleExecutor(threads)
+        threads._max_workers = 3  # noqa: SLF001 (as workers of a cluster join)
+        assert workers_of(executor) == 3
+
+
 def test_an_interrupt_ends_the_waiting_at_once(
     executor: InterruptibleExecutor, barrier: threading.Event
 ) -> None:

@@ -81,6 +81,22 @@ def test_more_pieces_are_handed_out_when_workers_join(monkeypatch: pytest.Monkey
     assert len(executor.calls) == next_count
 
 
+def test_no_pieces_are_handed_out_while_workers_have_left(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr('barc_sim.parallel.pieces._COUNT_PERIOD', 0.0)
+    executor = SlowExecutor()
+    finished = finished_pieces(executor, abs, range(10**9))
+    threading.Timer(0.0, lambda: _finish_when_there(executor, 0)).start()
+    next(finished)
+
+    executor._max_workers = 1  # noqa: SLF001 (as `workers_of` reads it)
+    executor.finish(1)
+    piece, _ = next(finished)
+    assert piece == 1
+    assert len(executor.calls) == 3 * 2
+
+
 def _finish_when_there(executor: SlowExecutor, number: int) -> None:
     while len(executor.calls) <= number:
         threading.Event().wait(0.01)
