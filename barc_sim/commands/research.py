@@ -266,8 +266,8 @@ def add_arguments_identify(parser: Parser) -> None:
         type=whole(MIN_RESAMPLES, _MAX_RESAMPLES),
         default=0,
         metavar='N',
-        help='fit N resamples of the residuals, too, for intervals that hold where residuals are '
-        'not white noise (none; 1000 is usual)',
+        help='fit N resamples of the residuals, too, for intervals that are wider where residuals '
+        'are correlated (none; 1000 is usual)',
     )
     add_executor_options(parser, 'processes that fit resamples', 'this one')
 

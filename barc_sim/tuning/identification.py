@@ -9,7 +9,7 @@ The error has several minima over delay and lag. So a coarse search over both, b
 gives several starts, and the best fit counts. A 95 % confidence interval comes from the Jacobian at
 the minimum; that of a delay from the profile of the error (Bates and Watts, "Nonlinear Regression
 Analysis", section 6.1), because its derivative jumps at each whole step. `bootstrap.py` has other
-intervals, which need neither a linear model nor white noise.
+intervals, which need no linear model, and keep correlation of the noise.
 
 The mass cannot be identified: the motor command is an acceleration. So drag and friction are per
 unit mass, and stiffnesses and inertia are for the mass of `vehicle`.
@@ -165,8 +165,8 @@ def identify(
         'euler', the default of the simulator, or 'rk4' for a real car.
     bootstrap
         Number of resamples of the residuals, each of which is fitted, too: the percentiles of the
-        fits are the intervals, in place of those by the Jacobian. These hold also where residuals
-        are not white noise. 0: no bootstrap; 1000 is usual.
+        fits are the intervals, in place of those by the Jacobian. They are wider where residuals
+        are correlated, but not always wide enough. 0: no bootstrap; 1000 is usual.
     seed
         Of the random numbers of the bootstrap.
     executor
@@ -701,7 +701,8 @@ def _remarks(
                 f'the residuals of {signal} are not white noise (p = {p:.2g}): the car does more '
                 'than the model'
             )
-            yield f'{remark}, and the intervals are too narrow' if is_linearised else remark
+            width = 'too narrow' if is_linearised else 'often still too narrow'
+            yield f'{remark}, and the intervals are {width}'
 
 
 def _remark_on_units(parts: Sequence[Stretch], vehicle: Vehicle) -> list[str]:

@@ -70,8 +70,7 @@ def test_for_correlated_noise_they_are_wider(correlated: Log) -> None:
     for name in NAMES:
         assert by_resamples[name].interval > 1.3 * by_theory[name].interval, name
     assert any('the intervals are too narrow' in remark for remark in by_theory.remarks)
-    assert any('are not white noise' in remark for remark in by_resamples.remarks)
-    assert not any('too narrow' in remark for remark in by_resamples.remarks)
+    assert any('are often still too narrow' in remark for remark in by_resamples.remarks)
 
 
 def test_they_are_the_same_whoever_fits(white: Log) -> None:
