@@ -128,10 +128,10 @@ def _complete() -> None:
 
     parser = Parser(prog='barc')
     commands = parser.add_subparsers()
-    chosen = os.environ['COMP_LINE'].split()[1:2]
+    command_words = os.environ['COMP_LINE'].split()[1:2]
     for name, text in COMMANDS.items():
         command = commands.add_parser(name, help=text)
-        if name in chosen:
+        if name in command_words:
             add_arguments, _ = functions(name)
             add_arguments(command)
     argcomplete.autocomplete(parser)

@@ -90,13 +90,14 @@ class GraphObserver:
 
     def _wait_for_first(self, condition: Callable[[], object]) -> bool:
         """Wait for a condition that the first other node fulfils; return whether it does."""
-        others = others_here(self.node.context.get_domain_id())
-        return self.wait_for(condition, _FIRST_TIMEOUT if others else _ALONE_TIMEOUT)
+        has_others = others_here(self.node.context.get_domain_id())
+        return self.wait_for(condition, _FIRST_TIMEOUT if has_others else _ALONE_TIMEOUT)
 
     def wait_until_stable(self, read: Callable[[], Any]) -> Any:  # noqa: ANN401 (of any type)
         """Wait for another node; then call `read` until its result no longer changes; return it."""
         if not self._wait_for_first(self.nodes):
             raise UserError(f'no node is running in {self._domain}: start a run first')
+
         end = time.monotonic() + _FIRST_TIMEOUT
         result = read()
         while time.monotonic() < end:
@@ -129,17 +130,18 @@ class GraphObserver:
             [each for each in subscriptions if each.node_name != here],
         )
 
-    def find(self, name: str, what: str, present: Callable[[], Iterable[str]]) -> str:
+    def find(self, name: str, kind: str, present: Callable[[], Iterable[str]]) -> str:
         """Wait until the topic or node `name` is `present`; return its full name."""
         full = str(self.node.resolve_topic_name(name))
-        others = self._wait_for_first(lambda: full in present() or self.nodes())
-        if others and self.wait_for(lambda: full in present()):
+        has_others = self._wait_for_first(lambda: full in present() or self.nodes())
+        if has_others and self.wait_for(lambda: full in present()):
             return full
+
         hint = f' in {self._domain}: start a run'
-        if others:
+        if has_others:
             visible = [each for each in present() if not topic_or_service_is_hidden(each)]
             hint = did_you_mean(full, visible) or f': there are {", ".join(visible)}'
-        raise UserError(f'there is no {what} {full}{hint}')
+        raise UserError(f'there is no {kind} {full}{hint}')
 
 
 def print_messages(observer: GraphObserver, name: str, count: int | None) -> None:
@@ -148,11 +150,13 @@ def print_messages(observer: GraphObserver, name: str, count: int | None) -> Non
     kind = message_class(observer.topics()[topic])
     if not observer.wait_for(lambda: observer.node.count_publishers(topic)):
         show(f'barc echo: {topic} has no publisher yet', error=True)
+
     publishers = observer.node.get_publishers_info_by_topic(topic)
     qos = request(publishers, _DEPTH)
     if not publishers:  # the weakest QoS matches any later one
         qos.reliability = ReliabilityPolicy.BEST_EFFORT
         qos.durability = DurabilityPolicy.VOLATILE
+
     finished = Future()
     left = count
 
@@ -181,8 +185,8 @@ def plain(value: Any) -> Any:  # noqa: ANN401 (generated classes)
     if isinstance(value, str):
         return value if len(value) <= _MAX_SHOWN else f'{value[:_MAX_SHOWN]}...'
     if hasattr(value, '__len__'):  # a list, an array of Python's or of NumPy's
-        shown = [plain(element) for element in value[:_MAX_SHOWN]]
-        return [*shown, '...'] if len(shown) < len(value) else shown
+        elements = [plain(element) for element in value[:_MAX_SHOWN]]
+        return [*elements, '...'] if len(elements) < len(value) else elements
     return value.item() if hasattr(value, 'item') else value  # NumPy's scalars
 
 
@@ -191,13 +195,13 @@ def print_topics(observer: GraphObserver, names: Sequence[str], *, full: bool) -
 
     `full` adds nodes and QoS.
     """
-    wanted = [observer.find(name, 'topic', observer.topics) for name in names]
+    topics = [observer.find(name, 'topic', observer.topics) for name in names]
 
     def read() -> dict[str, tuple[Any, ...]]:
         return {
             name: (kind, *map(full_names, observer.endpoints(name)))
             for name, kind in observer.topics().items()
-            if (name in wanted if wanted else not topic_or_service_is_hidden(name))
+            if (name in topics if topics else not topic_or_service_is_hidden(name))
         }
 
     for name, (kind, publishers, subscribers) in observer.wait_until_stable(read).items():

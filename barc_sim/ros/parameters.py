@@ -58,8 +58,8 @@ def _declare(node: Node, parameter: ParameterDeclaration) -> Any:  # noqa: ANN40
         ) from None
     except InvalidParameterValueException as error:
         value = re.search(r'value \((.*)\) for parameter', str(error))
-        why = not_between(kind(value[1]), low, high) if value else error
-        raise UserError(f'{owner}: {why}') from None
+        problem = not_between(kind(value[1]), low, high) if value else error
+        raise UserError(f'{owner}: {problem}') from None
 
 
 def declare_track(node: Node, track: Track | None = None) -> Track | None:

@@ -104,15 +104,16 @@ def _trials(random: np.random.Generator, places: Floats, costs: Floats) -> Float
     low, high = _WEIGHTS
     weight = random.uniform(low, high)
 
-    # Two others, neither the same nor the one itself.
-    one = (np.arange(number) + random.integers(1, number, number)) % number
-    other = (one + random.integers(1, number - 1, number)) % number
-    other = np.where(other == np.arange(number), (other + 1) % number, other)
-    other = np.where(other == one, (other + 1) % number, other)
+    # Two other places for each, which differ from it and from one another.
+    rows = np.arange(number)
+    first = (rows + random.integers(1, number, number)) % number
+    second = (first + random.integers(1, number - 1, number)) % number
+    second = np.where(second == rows, (second + 1) % number, second)
+    second = np.where(second == first, (second + 1) % number, second)
+    mutants = places[np.argmin(costs)] + weight * (places[first] - places[second])
 
-    mutants = places[np.argmin(costs)] + weight * (places[one] - places[other])
     crossed = random.random(places.shape) < _CROSSOVER
-    crossed[np.arange(number), random.integers(0, gains, number)] = True  # at least one gain
+    crossed[rows, random.integers(0, gains, number)] = True  # at least one gain
     return np.where(crossed, mutants, places)
 
 

@@ -42,7 +42,7 @@ _LINGER = 0.05
 _YIELD = 1e-4
 
 
-class _Lost(Exception):  # noqa: N818 - no error
+class _LeadershipLost(Exception):  # noqa: N818 - no error
     """Another thread leads now."""
 
 
@@ -440,7 +440,7 @@ class QuickExecutor(MultiThreadedExecutor):
                     events.recheck_due = True
                 if now >= deadline and not (tasks.ready and self._spins_for_one):
                     self._end_spins(expired=now)
-        except _Lost:
+        except _LeadershipLost:
             return
         except BaseException as error:  # noqa: BLE001 - the spinning thread raises it
             self._events.fail(error)
@@ -528,7 +528,7 @@ class QuickExecutor(MultiThreadedExecutor):
     def _run(self, entry: Entry | None, call: Call) -> None:
         """Call a callback whose group is claimed, or step a task.
 
-        Raises _Lost if another thread has taken over meanwhile.
+        Raises _LeadershipLost if another thread has taken over meanwhile.
         """
         callback, arguments = call
         spins = self._spins_for_one
@@ -557,7 +557,7 @@ class QuickExecutor(MultiThreadedExecutor):
             entry.is_slow = not leads and time.monotonic() - lent > LASTING
         if not leads:
             self._events.wake()  # its group is free
-            raise _Lost
+            raise _LeadershipLost
 
     def _handle_error(self, entry: Entry | None, error: BaseException) -> None:
         """Warn of an error of rclpy's own code; any other error ends all spins."""
