@@ -107,7 +107,7 @@ def run(options: Namespace) -> int:
     blank_form = grade.nothing_entered(rubric).encode()
 
     limits = ProcessLimits(total=options.time_limit, confined=not options.unconfined)
-    if not options.scheduler:
+    if options.scheduler is None:
         check_confinement(limits)
     stopped: Future[Any] = Future()
     check = partial(_confinement_fault, limits)

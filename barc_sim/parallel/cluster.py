@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import socket
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
 _TIMEOUT = 10.0  #: [s] to connect to a scheduler
+_HOW_TO_START = 'start one with `dask scheduler`, and give the address that it prints'
 
 
 @contextmanager
@@ -70,7 +72,7 @@ def cluster(address: str, check: Callable[[], str] | None = None) -> Iterator[Ex
 
 
 def _check_scheduler(address: str) -> None:
-    """Raise UserError if nothing listens at a scheduler's address."""
+    """Raise UserError if no scheduler answers at an address."""
     from distributed.comm.addressing import get_address_host_port  # noqa: PLC0415 (optional)
 
     try:
@@ -79,6 +81,23 @@ def _check_scheduler(address: str) -> None:
     except (OSError, ValueError) as error:
         reason = getattr(error, 'strerror', None) or error
         raise UserError(
-            f'there is no Dask scheduler at {address!r} ({reason}): start one with '
-            '`dask scheduler`, and give the address that it prints'
+            f'there is no Dask scheduler at {address!r} ({reason}): {_HOW_TO_START}'
         ) from None
+
+    # A client of Dask waits without end for a program of another kind, such as the dashboard.
+    try:
+        kind = asyncio.run(_kind_of(address))
+    except Exception:  # noqa: BLE001 (what another program sends can raise any)
+        kind = 'program of another kind'
+    if kind != 'Scheduler':
+        raise UserError(f'there is a {kind} at {address!r}, and no Dask scheduler: {_HOW_TO_START}')
+
+
+async def _kind_of(address: str) -> str:
+    """Return what a process of Dask calls itself: Scheduler, Worker or Nanny."""
+    from distributed import Security, rpc  # noqa: PLC0415 (optional)
+
+    arguments = Security().get_connection_args('client')
+    async with rpc(address, timeout=_TIMEOUT, connection_args=arguments) as process:
+        identity = await asyncio.wait_for(process.identity(), _TIMEOUT)
+    return str(identity['type'])

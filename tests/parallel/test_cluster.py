@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import socket
 import threading
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -86,6 +88,37 @@ def test_workers_without_barc_sim_are_named_in_a_sentence(tmp_path: Path) -> Non
 def test_an_address_without_a_scheduler_is_refused(address: str) -> None:
     with pytest.raises(UserError, match='there is no Dask scheduler at'), cluster(address):
         pass
+
+
+@pytest.mark.parametrize('words', [b'SSH-2.0-OpenSSH_9.2p1\r\n', b''])
+def test_a_program_of_another_kind_is_refused(words: bytes) -> None:
+    with socket.create_server(('127.0.0.1', 0)) as server:
+
+        def answer() -> None:
+            with suppress(OSError):
+                while True:
+                    connection, _ = server.accept()
+                    with connection:
+                        connection.sendall(words)
+
+        threading.Thread(target=answer, daemon=True).start()
+        address = f'tcp://127.0.0.1:{server.getsockname()[1]}'
+        with pytest.raises(UserError, match='and no Dask scheduler'), cluster(address):
+            pass
+        server.shutdown(socket.SHUT_RDWR)
+
+
+def test_the_address_of_a_worker_is_refused(tmp_path: Path) -> None:
+    with dask_cluster(tmp_path, workers=1):
+        log = tmp_path / '2.log'
+        wait_for(lambda: 'Registered to' in log.read_text('utf-8'))
+        address = log.read_text('utf-8').split('Start worker at:')[1].split()[0]
+        with pytest.raises(UserError, match='there is a Worker at'), cluster(address):
+            pass
+
+
+def test_an_empty_address_is_refused() -> None:
+    assert "no Dask scheduler at ''" in refused('grade', '.', '--scheduler', '')
 
 
 def write_class(folder: Path, students: int) -> None:
