@@ -353,7 +353,7 @@ def run_convert(options: Namespace) -> int:
             output = options.output / output if len(bags) > 1 else options.output
         conversions.append(Conversion(bag, output, tuple(options.topics), tuple(options.exclude)))
 
-    if len(bags) > 1 or options.scheduler:
+    if len(bags) > 1 or options.scheduler is not None:
         return _convert_several(conversions, options)
     convert_bag(conversions[0])
     show(conversions[0].output)

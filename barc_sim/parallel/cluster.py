@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import socket
-from contextlib import contextmanager
+from concurrent.futures import CancelledError
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from barc_sim import __version__
@@ -15,6 +17,7 @@ from barc_sim.errors import UserError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from concurrent.futures import Executor
+    from types import ModuleType
 
 _TIMEOUT = 10.0  #: [s] to connect to a scheduler
 _HOW_TO_START = 'start one with `dask scheduler`, and give the address that it prints'
@@ -35,11 +38,15 @@ def cluster(address: str, check: Callable[[], str] | None = None) -> Iterator[Ex
     Raises
     ------
     UserError
-        Dask is not installed, there is no scheduler at the address, or no worker gets work.
+        Dask is not installed, there is no scheduler at the address, no worker gets work, or
+        the scheduler ends.
     """
     distributed = extra('distributed', '--scheduler', 'cluster')
-    _check_scheduler(address)
+    _check_scheduler(distributed, address)
     from barc_sim.parallel.workers import ABLE, CheckWorker, reason_of  # noqa: PLC0415 (needs Dask)
+
+    # A lost scheduler is reported below, in a sentence; Dask logs tracebacks of it.
+    logging.getLogger('distributed.client').setLevel(logging.CRITICAL)
 
     plugin = CheckWorker(check)
     with distributed.Client(address, timeout=f'{_TIMEOUT} s', set_as_default=False) as client:
@@ -67,11 +74,19 @@ def cluster(address: str, check: Callable[[], str] | None = None) -> Iterator[Ex
 
         try:
             yield client.get_executor(pure=False, resources={ABLE: 1})
+        except CancelledError:  # of all calls, when the client has lost the scheduler
+            if client.status == 'running':
+                raise
+            raise UserError(
+                f'the Dask scheduler at {address!r} has ended: start it and its workers, and '
+                'repeat the command'
+            ) from None
         finally:
-            client.unregister_worker_plugin(plugin.name)
+            with suppress(OSError, RuntimeError):  # without a scheduler there is no plugin
+                client.unregister_worker_plugin(plugin.name)
 
 
-def _check_scheduler(address: str) -> None:
+def _check_scheduler(distributed: ModuleType, address: str) -> None:
     """Raise UserError if no scheduler answers at an address."""
     from distributed.comm.addressing import get_address_host_port  # noqa: PLC0415 (optional)
 
@@ -86,18 +101,16 @@ def _check_scheduler(address: str) -> None:
 
     # A client of Dask waits without end for a program of another kind, such as the dashboard.
     try:
-        kind = asyncio.run(_kind_of(address))
+        kind = asyncio.run(_kind_of(distributed, address))
     except Exception:  # noqa: BLE001 (what another program sends can raise any)
         kind = 'program of another kind'
     if kind != 'Scheduler':
         raise UserError(f'there is a {kind} at {address!r}, and no Dask scheduler: {_HOW_TO_START}')
 
 
-async def _kind_of(address: str) -> str:
+async def _kind_of(distributed: ModuleType, address: str) -> str:
     """Return what a process of Dask calls itself: Scheduler, Worker or Nanny."""
-    from distributed import Security, rpc  # noqa: PLC0415 (optional)
-
-    arguments = Security().get_connection_args('client')
-    async with rpc(address, timeout=_TIMEOUT, connection_args=arguments) as process:
+    arguments = distributed.Security().get_connection_args('client')
+    async with distributed.rpc(address, timeout=_TIMEOUT, connection_args=arguments) as process:
         identity = await asyncio.wait_for(process.identity(), _TIMEOUT)
     return str(identity['type'])

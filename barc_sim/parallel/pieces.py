@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, wait
 from itertools import islice
 from pickle import PicklingError
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -13,7 +13,7 @@ from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
-    from concurrent.futures import Executor, Future
+    from concurrent.futures import Future
 
 Piece = TypeVar('Piece')
 Result = TypeVar('Result')
@@ -43,8 +43,8 @@ def finished_pieces(
     Parameters
     ----------
     executor
-        Makes the calls; any of `concurrent.futures`, or one with its methods, such as Dask's
-        `Client.get_executor()`.
+        Makes the calls; any of `concurrent.futures`, or a class derived from it, such as that of
+        Dask's `Client.get_executor()`.
     function
         The work; it must be importable by the workers.
     pieces
@@ -53,7 +53,18 @@ def finished_pieces(
         When this is done, the iterator ends.
     ordered
         Whether to yield the pieces in their order.
+
+    Raises
+    ------
+    UserError
+        `executor` is no executor.
     """
+    if not isinstance(executor, Executor):
+        raise UserError(
+            f'executor={executor!r} is no Executor of concurrent.futures: give one; of a Client '
+            'of Dask it is client.get_executor()'
+        )
+
     pieces_left = iter(pieces)
     limit = 0
     count_due = time.monotonic()

@@ -121,6 +121,30 @@ def test_an_empty_address_is_refused() -> None:
     assert "no Dask scheduler at ''" in refused('grade', '.', '--scheduler', '')
 
 
+def test_a_scheduler_that_ends_is_named_in_a_sentence(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def use(machines: Cluster) -> None:
+        with cluster(machines.address) as executor:
+            machines.close()
+            executor.submit(square_slowly, 2).result(60.0)
+
+    with (
+        dask_cluster(tmp_path, workers=1) as machines,
+        pytest.raises(UserError, match='has ended: start it and its workers'),
+    ):
+        use(machines)
+    assert 'Traceback' not in capfd.readouterr().err
+
+
+def test_a_client_in_place_of_its_executor_is_refused(machines: Cluster) -> None:
+    with (
+        distributed.Client(machines.address, set_as_default=False) as client,
+        pytest.raises(UserError, match=r'of a Client of Dask it is client\.get_executor\(\)'),
+    ):
+        sweep(kp=KP, executor=client)
+
+
 def write_class(folder: Path, students: int) -> None:
     """Write submissions, right ones and with mistakes."""
     for number in range(students):
