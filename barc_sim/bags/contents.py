@@ -282,6 +282,7 @@ def _in_seconds(span: Span) -> dict[str, Any]:
     """Return the part of a description on the messages of a bag or of a file."""
     return {
         'start': (span.start or 0) / 1e9,
+        'start_nanoseconds': span.start or 0,  # a float has not all digits
         'duration': span.duration / 1e9,
         'messages': span.count,
     }

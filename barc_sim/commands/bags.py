@@ -274,7 +274,7 @@ def _described(contents: dict[str, Any]) -> Iterator[str]:
     yield from _file_lines(contents['file_spans'])
     yield f'Bag size:  {sum(contents["files"].values()) / 1024:.1f} KiB'
     yield f'Duration:  {contents["duration"]:.9f} s'
-    yield f'Start:     {_date(contents["start"])}'
+    yield f'Start:     {_date(contents["start_nanoseconds"])}'
     yield f'Messages:  {contents["messages"]}'
     for topic in contents['topics']:
         yield _topic_line(topic['name'], topic['type'], topic['encoding'], topic['messages'])
@@ -290,16 +290,19 @@ def _file_lines(spans: dict[str, dict[str, Any]]) -> Iterator[str]:
     for name, span in spans.items():
         if len(spans) == 1:
             yield f'{title} {name}'
+        elif not span['messages']:
+            yield f'{title} {name}: no messages'
         else:
-            times = f'{_date(span["start"])}, {span["duration"]:.9f} s'
+            times = f'{_date(span["start_nanoseconds"])}, {span["duration"]:.9f} s'
             yield f'{title} {name}: {times}, {span["messages"]} messages'
         title = ' ' * len(title)
 
 
-def _date(seconds: float) -> str:
-    """Return a time since 1970 [s] as a local date."""
+def _date(nanoseconds: int) -> str:
+    """Return a time since 1970 as a local date."""
+    seconds, fraction = divmod(nanoseconds, 1_000_000_000)
     date = datetime.fromtimestamp(seconds, timezone.utc).astimezone()
-    return f'{date:%b %d %Y %H:%M:%S.%f} ({seconds:.9f})'
+    return f'{date:%b %d %Y %H:%M:%S}.{fraction // 1000:06} ({seconds}.{fraction:09})'
 
 
 def _topic_line(name: str, type_name: str, encoding: str, count: int) -> str:

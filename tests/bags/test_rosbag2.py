@@ -148,6 +148,14 @@ def test_info_prints_each_file_of_a_split_bag(tmp_path: Path) -> None:
     assert lines[3].startswith('Bag size: ')
 
 
+def test_info_prints_exact_nanoseconds_and_files_without_messages(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / 'drive', [[Sent('/a', START + 397_611, 'a')], [SENT[-1]]])
+    (path / 'drive_1.mcap').write_bytes(b'')
+    lines = printed('info', str(path)).splitlines()
+    assert f' ({START // SECOND}.000397611), ' in lines[0]
+    assert lines[1].strip() == 'drive_1.mcap: no messages'
+
+
 @pytest.mark.parametrize('compression', ['', 'file', 'message'])
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 @pytest.mark.parametrize('version', [8, 9])
