@@ -98,6 +98,11 @@ class BagWriter:
         return all(file.in_place for file in self._unfinished)
 
     @property
+    def removed(self) -> list[Path]:
+        """The paths of the files that are no longer where they were made."""
+        return [file.path for file in self._files if not file.in_place]
+
+    @property
     def is_whole(self) -> bool:
         """Whether the files that are written to have the size that was written."""
         return all(file.is_whole for file in self._unfinished)

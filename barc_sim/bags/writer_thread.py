@@ -379,9 +379,19 @@ class WriterThread:
                 self._chunk_due = 0.0
                 self._write_queue()
             if not self._stuck:
+                self._warn_of_removed_files()
+                self._count_unwritten()
                 self.do(lambda writer: writer.add_metadata(final_metadata()))
             self.do(lambda writer: writer.close())
             self._count_unwritten()
+
+    def _warn_of_removed_files(self) -> None:
+        """Warn of finished files that are gone; their messages count as lost."""
+        removed = ', '.join(repr(str(path)) for path in self._writer.removed)
+        if removed and self._on_warning:
+            self._on_warning(
+                f'files were removed while recording, and their messages count as lost: {removed}'
+            )
 
     def _count_unwritten(self) -> None:
         """Count the messages that were received but never written."""

@@ -552,10 +552,15 @@ def test_messages_of_a_closed_file_that_is_removed_are_counted_and_the_rest_is_a
 ) -> None:
     for number in range(0, 9, 3):
         record(thread, source, number, number + 1, number + 2)
-    files_of(directory)[0].unlink()
-    thread.close()
+    first = files_of(directory)[0]
+    first.unlink()
+    warnings: list[str] = []
+    thread._on_warning = warnings.append  # noqa: SLF001
+    thread.close(lambda: {'lost_messages': f'{sum(thread.unwritten.values())}'})
     assert thread.unwritten == {'/value': 2, '/car/other': 1}
     assert not failures
+    assert [repr(str(first)) in warning for warning in warnings] == [True]
+    assert Contents(directory).metadata['lost_messages'] == '3'
     with Reader(directory) as reader:
         assert reader.message_count == 6
 
