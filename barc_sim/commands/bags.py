@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from argparse import ArgumentTypeError
 from contextlib import ExitStack, suppress
 from datetime import datetime, timezone
 from pathlib import Path
@@ -182,6 +183,7 @@ def add_arguments_play(parser: Parser) -> None:
     parser.add_argument(
         '-m',
         '--remap',
+        type=_remapping,
         nargs='+',
         default=[],
         metavar='OLD:=NEW',
@@ -197,6 +199,14 @@ def add_arguments_play(parser: Parser) -> None:
         help=f"publish the bag's time on /clock, in place of its recorded /clock ({_CLOCK_RATE:g})",
     )
     accept_ros_args(parser)
+
+
+def _remapping(text: str) -> str:
+    """Return a rule OLD:=NEW."""
+    old, _, new = text.partition(':=')
+    if not old or not new:
+        raise ArgumentTypeError(f'{text!r} is not OLD:=NEW, as in /ecu:=/car2/ecu')
+    return text
 
 
 def _seconds_since_epoch(text: str) -> int:

@@ -13,7 +13,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from command_line import started
+from command_line import refused, started
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -429,3 +429,8 @@ def test_the_command_plays_under_other_names_and_names_what_it_cannot_play(
     assert process.returncode == 0
     assert '/c is not played: the type nobody/msg/X is not installed here' in err
     assert out == 'played 0.9 / 0.9 s  20 messages  x10\n'
+
+
+@pytest.mark.parametrize('rule', ['my_bag', '/a:=', ':=/b'])
+def test_a_name_that_is_no_remapping_is_refused(rule: str) -> None:
+    assert f"'{rule}' is not OLD:=NEW" in refused('play', '--remap', '/a:=/b', rule)
