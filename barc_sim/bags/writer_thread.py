@@ -219,10 +219,9 @@ class WriterThread:
         """Warn of the first messages that the cache could not take."""
         if self._on_warning and not self._warned_of_losses and self.unwritten:
             self._warned_of_losses = True
-            size = self._queue.max_size / MEBIBYTE
             self._on_warning(
-                f'messages are lost, as the cache of {size:g} MiB is full: record to a faster '
-                'disk, record fewer topics, or make the cache larger'
+                f'messages are lost, as the cache of {self._queue.max_size} bytes is full: record '
+                'to a faster disk, record fewer topics, or make the cache larger'
             )
 
     # Writing

@@ -22,8 +22,7 @@ def not_between(value: object, low: float, high: float) -> str:
     # float first: it is quick to check.
     if _is_number(value, (float, int, Real)) and low <= value <= high:  # type: ignore[operator]
         return ''
-    text = f'{value:g}' if isinstance(value, float) else repr(value)
-    return f'{text} is not a number from {low:g} to {high:g}'
+    return f'{_shown(value)} is not a number from {low:g} to {high:g}'
 
 
 def _not_whole(value: object, low: int, high: float) -> str:
@@ -31,7 +30,12 @@ def _not_whole(value: object, low: int, high: float) -> str:
     if _is_number(value, (int, Integral)) and low <= value <= high:  # type: ignore[operator]
         return ''
     limits = f'of at least {low}' if high == inf else f'from {low} to {high}'
-    return f'{value!r} is not a whole number {limits}'
+    return f'{_shown(value)} is not a whole number {limits}'
+
+
+def _shown(value: object) -> str:
+    """Return a value as it was typed, as nearly as that is known."""
+    return f'{value:g}' if isinstance(value, float) else repr(value)
 
 
 def _is_number(value: object, kinds: tuple[type, ...]) -> bool:

@@ -105,6 +105,10 @@ def from_yaml(text: str) -> Any:  # noqa: ANN401 (any YAML)
         raise ValueError(f'it has {len(text)} characters, where {MAX_YAML} are the maximum')
     try:
         return yaml.load(text, Loader=_Loader)  # noqa: S506 (a SafeLoader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        place = f' in line {mark.line + 1}, column {mark.column + 1}' if mark else ''
+        raise ValueError(f'it is not YAML: {error.problem}{place}') from None
     except (yaml.YAMLError, AttributeError, TypeError, LookupError) as error:
         raise ValueError(f'it is not YAML: {error}') from None
 

@@ -325,7 +325,10 @@ def _damages(damages: dict[str, dict[str, int]]) -> Iterator[str]:
         if chunks := damage['unreadable_chunks']:
             yield f'{name}: chunks left out, as they are damaged or too large: {chunks}'
         if damage['unfinished']:
-            yield f'{name} is unfinished or damaged: {damage["unread"]} bytes at its end are unread'
+            unread = 'all whole records are read'
+            if damage['unread']:
+                unread = f'{damage["unread"]} bytes at its end are unread'
+            yield f'{name} is unfinished or damaged: {unread}'
 
 
 def add_arguments_convert(parser: Parser) -> None:

@@ -301,7 +301,7 @@ def test_recover_on_a_full_disk_leaves_no_directory(
 
 def test_command_prints_what_was_recovered(killed: Path) -> None:
     assert printed('recover', str(killed)).splitlines() == [
-        'run_0.mcap is unfinished or damaged: 0 bytes at its end are unread',
+        'run_0.mcap is unfinished or damaged: all whole records are read',
         '     1000 /value [std_msgs/msg/Float64]',
         '     1000 messages in 0.000 s',
         f'{killed}_recovered',
