@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing import connection
 from pathlib import Path
+from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.cli.python import working_in
@@ -41,6 +42,9 @@ class LocalProcesses(Executor):
     that wait. These are made again in a new pool, one after the other, so that a call that ends its
     process takes no other with it: its exception is BrokenExecutor after the third time.
 
+    One thread hands calls to the pool, and takes their results: a pool that ends holds a lock while
+    it calls back, and whoever used it then would wait for ever.
+
     Parameters
     ----------
     jobs
@@ -57,10 +61,16 @@ class LocalProcesses(Executor):
         self._max_workers = jobs or os.cpu_count() or 1  # `pieces.workers_of` reads it
         self._begin = begin
         self._arguments = arguments
-        self._lock = threading.RLock()
+
+        # Only the thread uses these.
         self._pool = self._new_pool()
+        self._unfinished: set[_Call] = set()
         self._again: deque[_Call] = deque()  # to be made again; the first one is being made
         self._has_ended = False
+
+        self._actions: SimpleQueue[Callable[[], None]] = SimpleQueue()  # of the thread
+        self._thread = threading.Thread(target=self._run, name='local processes', daemon=True)
+        self._thread.start()
 
     def _new_pool(self) -> ProcessPoolExecutor:
         # New processes: a fork would copy the locks of other threads, but not the threads.
@@ -74,13 +84,37 @@ class LocalProcesses(Executor):
         *arguments: Any,  # noqa: ANN401
     ) -> Future[Any]:
         """Have a process call `function`; return the future of its result."""
+        if self._has_ended:
+            raise RuntimeError('these processes have ended')
         call = _Call(function, arguments)
-        with self._lock:
-            if self._again:
-                self._again.append(call)
-            else:
-                self._make(call)
+        self._actions.put(lambda: self._take(call))
         return call.future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the processes, as `ProcessPoolExecutor.shutdown` does; no call is made again."""
+        if self._has_ended:
+            return
+        has_ended = threading.Event()
+        self._actions.put(lambda: self._end(has_ended, cancel_futures=cancel_futures))
+        has_ended.wait()
+        if wait:
+            self._thread.join()
+
+    def _run(self) -> None:
+        """Do what is asked for, until all calls have finished after the end."""
+        while self._unfinished or not self._has_ended:
+            action = self._actions.get()
+            action()
+
+    def _take(self, call: _Call) -> None:
+        """Make a call, after those that are to be made again."""
+        self._unfinished.add(call)
+        if self._has_ended:
+            self._cancel(call)
+        elif self._again:
+            self._again.append(call)
+        else:
+            self._make(call)
 
     def _make(self, call: _Call) -> None:
         """Hand a call to the pool."""
@@ -89,26 +123,28 @@ class LocalProcesses(Executor):
         except BrokenExecutor:
             self._pool = self._new_pool()
             future = self._pool.submit(call.function, *call.arguments)
-        future.add_done_callback(lambda future: self._on_end(call, future))
+        future.add_done_callback(
+            lambda future: self._actions.put(lambda: self._on_done(call, future))
+        )
 
-    def _on_end(self, call: _Call, future: Future[Any]) -> None:
+    def _on_done(self, call: _Call, future: Future[Any]) -> None:
         """Pass the result of a call on, or make it again if its process has ended."""
         if future.cancelled():
-            call.future.cancel()
+            self._cancel(call)
             return
 
         error = future.exception()
-        with self._lock:
-            if isinstance(error, BrokenExecutor):
-                call.ends += 1
-                if call.ends < _MOST_ENDS and not self._has_ended:
-                    self._make_again(call)
-                    return
-            if self._again and self._again[0] is call:
-                self._again.popleft()
-                if self._again and not self._has_ended:
-                    self._make(self._again[0])
+        if isinstance(error, BrokenExecutor):
+            call.ends += 1
+            if call.ends < _MOST_ENDS and not self._has_ended:
+                self._make_again(call)
+                return
+        if self._again and self._again[0] is call:
+            self._again.popleft()
+            if self._again:
+                self._make(self._again[0])
 
+        self._unfinished.discard(call)
         if not call.future.set_running_or_notify_cancel():
             return
         if error is None:
@@ -125,14 +161,19 @@ class LocalProcesses(Executor):
         if len(self._again) == 1:
             self._make(call)
 
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes, as `ProcessPoolExecutor.shutdown` does; no call is made again."""
-        with self._lock:
-            self._has_ended = True
-            waiting = [*self._again]
-        for call in waiting:
-            call.future.cancel()
-        self._pool.shutdown(wait=wait, cancel_futures=cancel_futures)
+    def _cancel(self, call: _Call) -> None:
+        """Finish a call that is not made."""
+        self._unfinished.discard(call)
+        call.future.cancel()
+        call.future.set_running_or_notify_cancel()
+
+    def _end(self, has_ended: threading.Event, *, cancel_futures: bool) -> None:
+        """End the pool; from now on no other begins."""
+        self._has_ended = True
+        while len(self._again) > 1:  # the first one is in the pool
+            self._cancel(self._again.pop())
+        self._pool.shutdown(wait=False, cancel_futures=cancel_futures)
+        has_ended.set()
 
 
 @contextmanager
