@@ -21,6 +21,8 @@ Result = TypeVar('Result')
 #: Pieces of each worker that are handed out at a time: one to work at, the others on their way.
 _PENDING = 3
 _COUNT_PERIOD = 1.0  #: [s] after which the workers are counted again: some can have joined
+#: What the exceptions of pickle say, in different versions of Python.
+_UNSENDABLE = ('pickle', "Can't get local object")
 _PIECE_DURATION = 1.0  #: [s] that a piece should take
 _GROWTH = 16  #: times the size of the pieces before
 #: Number of pieces of each worker at least, so that all end at about the same time.
@@ -101,7 +103,7 @@ def result_of(future: Future[Result]) -> Result:
             "Dask's Client.get_executor()"
         ) from None
     except (PicklingError, AttributeError, TypeError) as error:
-        if 'pickle' not in str(error):
+        if not any(words in str(error) for words in _UNSENDABLE):
             raise
         raise UserError(
             f'the work cannot be sent to another process ({error}): define its functions and '

@@ -106,7 +106,7 @@ def test_a_roster_without_names_is_refused(tmp_path: Path, text: str | None) -> 
         ('points: {model.x: -1}', 'model.x is -1: expected points'),
         ('points: {model.x: 80 good}', "model.x is '80 good': expected points from 0 to 8"),
         ('points: {model.x: nan}', 'model.x is nan: expected points'),
-        ('points: [', 'is not YAML: while parsing'),
+        ('points: [', 'is not YAML: expected the node content'),
         ('- 1', 'it is [1]: expected lines'),
     ],
 )
